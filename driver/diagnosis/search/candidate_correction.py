@@ -9,7 +9,8 @@ the evidence settles.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
 from driver.common.progress import quiet
 from driver.diagnosis.answer.result_types import Refit
+from driver.diagnosis.search.correction_reach import is_far
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import TOLERANCE, Executor, refit_of, with_prior
 from driver.forward.model import ForwardModel
@@ -32,6 +34,7 @@ REACH = 10.0
 REACH_OF_LARGE = 0.15
 """The same as a share of a large one: what derivatives do not hold grows with the effect."""
 _MOST = 3  # iterations
+_AT_FIRST = 2  # refits that are corrected before any is judged
 _CORRECTIONS = 5  # of one refit
 _SETTLED = 1.0  # change of the log evidence by the last of them
 
@@ -67,8 +70,9 @@ def with_candidate_corrections(
 ) -> list[Refit]:
     """Refits, best evidence first, those that lead under the correction at their own end.
 
-    Where one leads alone nothing is simulated: what it gains no correction takes away. One whose
-    end the finer model cannot simulate stays as it was, and the log says so.
+    Where one leads alone nothing is simulated: what it gains no correction takes away. The two best
+    are corrected first, others where what that changes may bring them to the front. One whose end
+    the finer model cannot simulate stays as it was, and the log says so.
 
     Args:
         refits: the refits, best evidence first.
@@ -83,37 +87,61 @@ def with_candidate_corrections(
     leading = [refit for refit in refits if refit.log_evidence > threshold]
     if len(leading) < 2:
         return list(refits)
-    logger.info("finer mesh and steps at the end of each refit that leads")
+    logger.info("finer mesh and steps at the end of the refits that lead, the best first")
     own = {refit.cause.name: refit for refit in leading}
     failed: dict[str, Failure] = {}
-    changed = {name: np.inf for name in own}
-    contending = leading
-    for _ in range(_CORRECTIONS):
-        again = [r for r in contending if changed[r.cause.name] >= _SETTLED]
-        if len(contending) < 2 or not again:
-            break
+    # The last change of the log evidence of those that were corrected, and how often they were.
+    changed: dict[str, float] = {}
+    taken = Counter[str]()
+    again = leading[:_AT_FIRST]
+    while again:
         tasks = [_Task(r, finer.turned((r.cause,)).one) for r in again]
         ends = side_by_side(_corrected, tasks, executor.processes, executor.threads)
         for refit, end in zip(again, ends, strict=True):
             name = refit.cause.name
+            taken[name] += 1
             changed[name] = 0.0
             if isinstance(end, Failure):
                 failed[name] = end
             else:
                 own[name] = _at_its_end(refit, end, baseline)
                 changed[name] = abs(own[name].log_evidence - refit.log_evidence)
-        # The next correction changes less than the last one, that of the best as well.
-        best = max(own.values(), key=lambda refit: refit.log_evidence)
-        contending = [
+        contending = _contending(list(own.values()), changed)
+        unsettled = [
             refit
-            for name, refit in own.items()
-            if best.log_evidence - refit.log_evidence
-            < REACH + changed[name] + changed[best.cause.name]
+            for refit in contending
+            if changed.get(refit.cause.name, np.inf) >= _SETTLED
+            and taken[refit.cause.name] < _CORRECTIONS
         ]
+        again = unsettled if len(contending) > 1 else []
     for refit in leading:
-        _tell(refit, own[refit.cause.name], failed.get(refit.cause.name))
+        if taken[refit.cause.name]:
+            _tell(refit, own[refit.cause.name], failed.get(refit.cause.name))
     others = [refit for refit in refits if refit not in leading]
     return sorted([*own.values(), *others], key=lambda refit: -refit.log_evidence)
+
+
+def _contending(refits: Sequence[Refit], changed: Mapping[str, float]) -> list[Refit]:
+    """Return the best refit and those that a correction may still bring before it.
+
+    The next correction of a refit changes less than its last one; the first one of a refit no more
+    than the largest of those that were taken.
+
+    Args:
+        refits: as far as they are corrected.
+        changed: by which the last correction changed the log evidence, by the name of the cause.
+    """
+    largest = max(changed.values())
+    best = max(refits, key=lambda refit: refit.log_evidence)
+
+    def change(refit: Refit) -> float:
+        return changed.get(refit.cause.name, largest)
+
+    return [
+        refit
+        for refit in refits
+        if best.log_evidence - refit.log_evidence < REACH + change(refit) + change(best)
+    ]
 
 
 def _tell(before: Refit, after: Refit, failed: Failure | None) -> None:
@@ -129,29 +157,35 @@ def _tell(before: Refit, after: Refit, failed: Failure | None) -> None:
 def _corrected(task: _Task) -> _End | Failure:
     """Return a refit under the correction where it stands, or why there is none."""
     refit, at = task.refit, task.refit.fit
+    known = refit.objective.correction
+    # Derivatives are half of the cost; those at the baseline serve where there are such.
+    free = at.best.free if known.derivatives is None else ()
     change = attempt(
         lambda: correction(
-            refit.objective.model,
-            task.finer,
-            at.best.prediction,
-            at.values,
-            free=at.best.free,
-            near=refit.objective.correction,
-        )  # fmt: skip
+            refit.objective.model, task.finer, at.best.prediction, at.values, free=free, near=known
+        )
     )
     if isinstance(change, Failure):
         return change
-    return _End(change, fit_from(at.best, _under(change, refit), _MOST, TOLERANCE))
+    under = _under(_with_derivatives(change, refit), refit)
+    return _End(change, fit_from(at.best, under, _MOST, TOLERANCE))
 
 
 def _at_its_end(refit: Refit, end: _End, baseline: Evaluation) -> Refit:
     """Return the refit that a process has corrected."""
-    return refit_of(refit.cause, _under(end.change, refit), end.fit, baseline)
+    change = _with_derivatives(end.change, refit)
+    found = refit_of(refit.cause, _under(change, refit), end.fit, baseline)
+    moved_far = is_far(refit.fit, end.fit, found.objective)
+    return replace(found, corrected=None if moved_far else change)
+
+
+def _with_derivatives(change: Correction, refit: Refit) -> Correction:
+    """Return the correction at a refit with the derivatives that it lacks."""
+    return change.with_derivatives_of(refit.objective.correction, refit.fit.values)
 
 
 def _under(change: Correction, refit: Refit) -> Objective:
     """Return the objective of a refit with the correction at its own end."""
     objective = with_prior(refit.objective, refit.cause)
     # What the other mesh adds is that at the baseline: small beside what this changes.
-    mean = change.mean_with(objective.spread).completed_by(objective.correction)
-    return replace(objective, correction=mean)
+    return replace(objective, correction=change.mean_with(objective.spread))

@@ -6,17 +6,15 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from driver.diagnosis.answer.result_types import Refit, Settings
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.search.backward_elimination import eliminate
 from driver.diagnosis.search.baseline import noise_of_images, with_load_noise
 from driver.diagnosis.search.boundary_noise import Level, level_again
+from driver.diagnosis.search.correction_reach import is_far
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.load_outliers import bad_loads
-from driver.diagnosis.statistics.screening import whitened_difference
 from driver.identification.correction import Correction
 from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.identify import with_correction
@@ -24,9 +22,6 @@ from driver.identification.objective import Objective
 
 logger = logging.getLogger(__name__)
 
-_FAR = 30.0
-"""σ by which a prediction may move from where its correction was taken: a correction has changed
-by a hundredth of what the prediction moved by, and the discretisation check lets 1 σ pass."""
 _MOST_CORRECTIONS = 3  # of one extended model
 
 
@@ -74,9 +69,10 @@ def extended(before: Extension, winner: Refit, settings: Settings) -> Extension:
         if again:
             logger.info("far from where the correction was taken: once more with that of this fit")
         begin = fitted
-        objective = _corrected(objective, begin, finer, settings)
+        known = None if again else winner.corrected
+        objective = _corrected(objective, begin, finer, settings, known)
         fitted, objective, levels = _fitted(begin, objective, levels)
-        if _moved(begin, fitted, objective) < _FAR:
+        if not is_far(begin, fitted, objective):
             break
     if BOUNDARY_NOISE in causes and not levels:
         causes.remove(BOUNDARY_NOISE)
@@ -91,19 +87,26 @@ def extended(before: Extension, winner: Refit, settings: Settings) -> Extension:
     )  # fmt: skip
 
 
-def _moved(begin: Fit, end: Fit, objective: Objective) -> float:
-    """By how much the prediction of one fit differs from that of another [σ]."""
-    before, other = (
-        Correction(f.best.prediction.motion, f.best.prediction.load) for f in (begin, end)
-    )
-    return float(np.linalg.norm(whitened_difference(objective, other, before)))
+def _corrected(
+    objective: Objective, here: Fit, finer: FineModels, settings: Settings, known: Correction | None
+) -> Objective:
+    """Return the objective with the correction at a fit, by both meshes where it had both.
 
-
-def _corrected(objective: Objective, here: Fit, finer: FineModels, settings: Settings) -> Objective:
-    """Return the objective with the correction at a fit, by both meshes where it had both."""
-    logger.info("finer mesh and steps at the extended model")
+    Args:
+        objective: of the fit.
+        here: the fit.
+        finer: the finer models.
+        settings: how the diagnosis is run.
+        known: that by one finer mesh, taken nearby, if any.
+    """
     both = objective.spread is not None
-    change, spread = finer.corrections(objective, here, both)
+    if known is None:
+        logger.info("finer mesh and steps at the extended model")
+        change, spread = finer.corrections(objective, here, both)
+    else:
+        # What the time steps leave wrong is that at the baseline.
+        change = replace(known, left_by_steps=objective.data.step_error)
+        spread = finer.spread(replace(objective, correction=change), here) if both else None
     noise = noise_of_images(here, objective.data, settings)
     mean = change.mean_with(spread).completed_by(objective.correction)
     objective = with_correction(objective, noise, change, settings.sizes)

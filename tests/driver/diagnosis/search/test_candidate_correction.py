@@ -194,3 +194,31 @@ def test_one_that_has_fallen_far_behind_is_not_corrected_on(
     models = FineModels(finer(BENCH))
     after = with_candidate_corrections(begin, baseline.best, models, Executor(1, 1))
     assert [r.log_evidence for r in after] == [103.0, 87.0] and len(taken) == 2
+
+
+@pytest.mark.parametrize(("behind", "is_taken"), [(16.0, False), (14.0, True)])
+def test_a_third_refit_is_corrected_where_as_much_as_the_first_two_changed_may_make_it_lead(
+    behind: float, is_taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The best ends at 100 and changed by 2, the second by 3: 10, 3 and 2 are 15."""
+    baseline, (first, second) = refitted()
+    third = replace(second, cause=replace(second.cause, name="third"))
+    refits = [
+        replace(first, log_evidence=98.0),
+        replace(second, log_evidence=88.0),
+        replace(third, log_evidence=100.0 - behind),
+    ]
+    ends = {refits[0].cause.name: 100.0, refits[1].cause.name: 91.0, "third": 80.0}
+    taken: list[str] = []
+
+    def corrected(task: Any) -> Refit:
+        refit: Refit = task.refit
+        taken.append(refit.cause.name)
+        return replace(refit, log_evidence=ends[refit.cause.name])
+
+    monkeypatch.setattr(candidate_correction, "_corrected", corrected)
+    monkeypatch.setattr(candidate_correction, "_at_its_end", lambda refit, end, at: end)
+    models = FineModels(finer(BENCH))
+    with_candidate_corrections(refits, baseline.best, models, Executor(1, 1))
+    assert ("third" in taken) == is_taken
+    assert set(taken) >= {first.cause.name, second.cause.name}
