@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from driver.case.material import Crystal
 from driver.case.model import (
     CASE_FILE,
     SCHEMA_FILE,
@@ -122,6 +123,9 @@ def init(
     folder: Annotated[
         Path, typer.Argument(metavar="DIR", parser=_path, help="folder of the new case")
     ],
+    crystal: Annotated[
+        Crystal, typer.Option(help="slip systems and constants: a BCC steel, or copper")
+    ] = "bcc",
 ) -> None:
     """Write a commented case.toml, and its schema for editors, into DIR."""
     with told_in_one_line():
@@ -132,7 +136,7 @@ def init(
             if file.exists() or file.is_symlink():
                 raise CaseError(sentence(file, "file", "a file", "none: it is not overwritten"))
         folder.mkdir(parents=True, exist_ok=True)
-        write_case(default_case(), path)
+        write_case(default_case(crystal), path)
         write_whole(schema, schema_text())
         tell(f"{path} written: fill it in, then `prismid check {quote(str(path))}`")
 

@@ -27,9 +27,11 @@ def grain_ratios(material: Material, n_grains: int) -> FloatArray:
 
 def interaction_matrix(material: Material) -> FloatArray:
     """Return the interaction matrix without h_latent, shape (24, 24)."""
-    if material.interaction is None:
-        return np.eye(N_SYSTEMS)
-    return np.array(material.interaction, dtype=np.float64)
+    matrix = np.eye(N_SYSTEMS)
+    if material.interaction is not None:
+        n = len(material.interaction)
+        matrix[:n, :n] = material.interaction
+    return matrix
 
 
 def isotropic_hardening(material: Material) -> tuple[float, FloatArray]:

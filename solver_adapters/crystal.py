@@ -1,4 +1,4 @@
-"""The 24 slip systems of a BCC crystal, and Bunge angles."""
+"""Slip systems of cubic crystals, and Bunge angles."""
 
 from __future__ import annotations
 
@@ -8,10 +8,16 @@ from scipy.spatial.transform import Rotation
 from meshes.arrays import FloatArray
 
 N_SYSTEMS = 24
+"""Most slip systems of a crystal; where one has fewer, null ones that never slip follow them."""
 N_110 = 12
 
-# Order of Code_Aster's BCC24: twelve {110}<111>, then twelve {112}<111>.
-_NORMALS_DIRECTIONS = (
+_ROUNDING = 1e-6  # of the cosine of an angle
+
+Indices = tuple[float, float, float]
+SystemTable = tuple[tuple[Indices, Indices], ...]
+"""Plane normal and slip direction of each system in crystal axes, of any length."""
+
+BCC: SystemTable = (
     ((0, 1, 1), (1, 1, -1)),
     ((1, 0, 1), (1, 1, -1)),
     ((1, -1, 0), (1, 1, -1)),
@@ -37,18 +43,64 @@ _NORMALS_DIRECTIONS = (
     ((1, -2, 1), (1, 1, 1)),
     ((1, 1, -2), (1, 1, 1)),
 )
+"""Twelve {110}⟨111⟩, then twelve {112}⟨111⟩, in the order of Code_Aster's BCC24."""
+
+FCC: SystemTable = (
+    ((1, 1, 1), (-1, 0, 1)),
+    ((1, 1, 1), (0, -1, 1)),
+    ((1, 1, 1), (-1, 1, 0)),
+    ((1, -1, 1), (-1, 0, 1)),
+    ((1, -1, 1), (0, 1, 1)),
+    ((1, -1, 1), (1, 1, 0)),
+    ((-1, 1, 1), (0, -1, 1)),
+    ((-1, 1, 1), (1, 1, 0)),
+    ((-1, 1, 1), (1, 0, 1)),
+    ((-1, -1, 1), (-1, 1, 0)),
+    ((-1, -1, 1), (1, 0, 1)),
+    ((-1, -1, 1), (0, 1, 1)),
+)
+"""Twelve {111}⟨110⟩, plane by plane."""
 
 
-def slip_systems() -> tuple[FloatArray, FloatArray]:
-    """Return unit slip directions m and plane normals n in crystal axes, each of shape (24, 3)."""
-    table = np.array(_NORMALS_DIRECTIONS, dtype=np.float64)
-    unit = table / np.linalg.norm(table, axis=2, keepdims=True)
+def table_fault(table: SystemTable) -> str | None:
+    """Return what keeps a table from being one of slip systems, None where nothing does.
+
+    Args:
+        table: planes and directions, three finite numbers each.
+    """
+    if not 1 <= len(table) <= N_SYSTEMS:
+        return f"{len(table)} systems"
+    seen: list[FloatArray] = []
+    for place, indices in enumerate(table, start=1):
+        normal, direction = np.array(indices, dtype=np.float64)
+        lengths = np.linalg.norm(normal), np.linalg.norm(direction)
+        if not min(lengths) > 0.0:
+            return f"system {place} with a plane or a direction of length 0"
+        across = abs(normal @ direction) / (lengths[0] * lengths[1])
+        if across > _ROUNDING:
+            return f"system {place} with a direction that does not lie in its plane"
+        tensor = np.outer(direction, normal) / (lengths[0] * lengths[1])
+        for other, known in enumerate(seen, start=1):
+            if abs(np.sum(tensor * known)) > 1.0 - _ROUNDING:
+                return f"system {place} that is system {other} again"
+        seen.append(tensor)
+    return None
+
+
+def slip_systems(table: SystemTable) -> tuple[FloatArray, FloatArray]:
+    """Return unit slip directions m and plane normals n in crystal axes, each of shape (24, 3).
+
+    Those behind the last system of the table are null.
+    """
+    indices = np.array(table, dtype=np.float64)
+    unit = np.zeros((N_SYSTEMS, 2, 3))
+    unit[: len(table)] = indices / np.linalg.norm(indices, axis=2, keepdims=True)
     return unit[:, 1], unit[:, 0]
 
 
-def schmid_tensors() -> FloatArray:
+def schmid_tensors(table: SystemTable) -> FloatArray:
     """Schmid tensor m ⊗ n of each system in crystal axes, shape (24, 3, 3)."""
-    directions, normals = slip_systems()
+    directions, normals = slip_systems(table)
     tensors: FloatArray = np.einsum("si,sj->sij", directions, normals)
     return tensors
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 from math import inf
 from typing import Any, Literal
 
+from solver_adapters.crystal import BCC, SystemTable
 from solver_adapters.parameter import (
     FINITE,
     GIGAPASCALS,
@@ -55,7 +56,10 @@ class Material:
         h_latent: off-diagonal terms added to the interaction matrix [-], null 0.
         Q_latent: saturated hardening of a system by each other one [MPa], null 0; on top of
             Q h_latent, and there without Q, too.
-        interaction: interaction matrix (24 rows of 24) [-]; None is the identity.
+        slip_systems: plane normal and slip direction of each system, at most 24. Those of BCC are
+            the only ones with a second family, a sense of twinning and a1.
+        interaction: interaction matrix, a row and a column for each system [-]; None is the
+            identity.
         c2: modulus of a second back stress [MPa], null 0.
         d2: recall of the second back stress [-], used only where c2 is not 0.
         x0: initial back strain of a system whose Schmid factor along Y is 1/2 [-], null 0;
@@ -91,6 +95,7 @@ class Material:
     a1: float = 0.0
     h_latent: float = 0.0
     Q_latent: float = 0.0
+    slip_systems: SystemTable = BCC
     interaction: tuple[tuple[float, ...], ...] | None = None
     c2: float = 0.0
     d2: float = 150.0
@@ -122,6 +127,8 @@ TAU0_MODES: tuple[tuple[str, ...], ...] = tuple(
     tuple(f"tau0_grain{grain}_{shape}" for shape in _SHAPES) for grain in (1, 2)
 )
 """Names of the modes of ln τ₀ inside each of the first two grains."""
+OF_BCC = frozenset({"tau0_112", "tau0_antitwinning", "a1"})
+"""Scalars of the law that only the slip systems of BCC have."""
 OF_SECOND_GRAIN = frozenset({"tau0_grain2", *TAU0_MODES[1]})
 """Scalars of the law that act on nothing in a single grain."""
 

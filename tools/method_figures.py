@@ -136,7 +136,9 @@ def most_active_system(
     assert cells is not None
     xx, yy, zz, yz, xz, xy = cells.stress.mean(axis=1).T
     stress = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    shear = np.einsum("ia,ijt,jb,sab->ts", rotation, stress, rotation, schmid_tensors())
+    shear = np.einsum(
+        "ia,ijt,jb,sab->ts", rotation, stress, rotation, schmid_tensors(material.slip_systems)
+    )
     slip = cells.slip.mean(axis=1)
     most = int(np.argmax(np.abs(slip[-1])))
     sense = np.sign(slip[-1, most])

@@ -11,31 +11,55 @@ from pydantic import BeforeValidator, Field, model_validator
 from driver.case.messages import refusal
 from driver.case.values import Number, Table
 from driver.common.errors import show
-from solver_adapters.crystal import N_SYSTEMS
+from solver_adapters.crystal import BCC, FCC, N_SYSTEMS, SystemTable, table_fault
 from solver_adapters.interaction import bcc24_classes
 from solver_adapters.material import (
     ELASTIC_CONSTANTS,
     MATERIAL_DECLARATIONS,
+    OF_BCC,
     TAU0_MODES,
     Material,
     admissible_at,
     least_C11,
 )
 
-_INTERACTION = f"{N_SYSTEMS} rows of {N_SYSTEMS} numbers, or the four numbers [H1, H2, H3, H4]"
+_INTERACTION = "a row of numbers for each slip system, or for bcc the four numbers [H1, H2, H3, H4]"
+_SYSTEMS = (
+    f'"bcc", "fcc", or 1 to {N_SYSTEMS} systems [[plane normal], [slip direction]], as '
+    "[[1, 1, 1], [0, 1, -1]], each direction in its plane"
+)
 
 
 def _matrix_or_classes(value: object) -> object:
-    """Refuse what is neither 24 rows of 24 numbers nor the four classes of BCC24."""
+    """Refuse what is neither a square matrix of numbers nor the four classes of BCC24."""
     if value is None or _are_numbers(value, 4):
         return value
     if not isinstance(value, (list, tuple)) or not all(isinstance(r, (list, tuple)) for r in value):
         raise refusal(_INTERACTION)
-    if len(value) != N_SYSTEMS:
-        raise refusal(_INTERACTION, found=f"a list of {len(value)} rows")
     for place, row in enumerate(value, start=1):
-        if not _are_numbers(row, N_SYSTEMS):
+        if not _are_numbers(row, len(row)):
             raise refusal(_INTERACTION, found=f"row {place} as {show(row)}")
+        if len(row) != len(value):
+            found = f"{len(value)} rows, row {place} of {len(row)} numbers"
+            raise refusal(_INTERACTION, found=found)
+    return value
+
+
+def _named_or_listed(value: object) -> object:
+    """Refuse what is neither the name of a crystal nor a list of slip systems."""
+    if isinstance(value, str):
+        if value not in CRYSTALS:
+            raise refusal(_SYSTEMS)
+        return value
+    if not isinstance(value, (list, tuple)):
+        raise refusal(_SYSTEMS)
+    for place, system in enumerate(value, start=1):
+        pair = isinstance(system, (list, tuple)) and len(system) == 2
+        if not pair or not all(_are_numbers(indices, 3) for indices in system):
+            raise refusal(_SYSTEMS, found=f"system {place} as {show(system)}")
+    fault = table_fault(tuple(value))
+    if fault is not None:
+        raise refusal(_SYSTEMS, found=fault)
     return value
 
 
@@ -50,6 +74,12 @@ def _are_numbers(value: object, count: int) -> bool:
 
 Matrix = tuple[tuple[Number, ...], ...]
 Classes = tuple[Number, Number, Number, Number]
+Indices = tuple[Number, Number, Number]
+Crystal = Literal["bcc", "fcc"]
+SlipSystems = Annotated[
+    Crystal | tuple[tuple[Indices, Indices], ...], BeforeValidator(_named_or_listed)
+]
+CRYSTALS: Mapping[str, SystemTable] = {"bcc": BCC, "fcc": FCC}
 Interaction = Annotated[Matrix | Classes | None, BeforeValidator(_matrix_or_classes)]
 
 
@@ -117,6 +147,7 @@ class MaterialTable(Table):
     Q_latent_MPa: float = _constant(
         "Q_latent_MPa", "hardening by each other system, beside Q h; acts where Q is 0, too"
     )
+    slip_systems: SlipSystems = Field(default="bcc", description=_SYSTEMS)
     interaction: Interaction = Field(default=None, description=_INTERACTION)
     tau0_112: float = _constant("tau0_112", "ratio of tau0 on {112}<111> to {110}<111>")
     tau0_grain2: float = _constant("tau0_grain2", "ratio of tau0 in grain 2 to grain 1")
@@ -170,16 +201,38 @@ class MaterialTable(Table):
             raise refusal(expected, "C11_GPa")
         if not abs(self.x0) <= _BACK_STRAIN:
             raise refusal(f"a number from {-_BACK_STRAIN:g} to {_BACK_STRAIN:g}", "x0")
+        self._refuse_what_other_crystals_lack()
         back_strain = admissible_at(self.to_material())["x0"]
         if not back_strain.holds(self.x0):
             raise refusal(f"a number smaller in size than 1/d = {back_strain.upper:g}", "x0")
         return self
 
+    def _refuse_what_other_crystals_lack(self) -> None:
+        table = self._system_table()
+        count = len(table)
+        if self.interaction is not None:
+            rows, listed = len(self.interaction), isinstance(self.interaction[0], tuple)
+            if rows != count if listed else table != BCC:
+                found = f"{rows} {'rows' if listed else 'classes'} for {count} slip systems"
+                raise refusal(f"{count} rows of {count} numbers", "interaction", found)
+        if table == BCC:
+            return
+        for name in sorted(OF_BCC):
+            value, null = getattr(self, name), getattr(_CONSTANTS, name)
+            if value != null:
+                raise refusal(f'{null:g}, for slip_systems is not "bcc"', name)
+
+    def _system_table(self) -> SystemTable:
+        if isinstance(self.slip_systems, str):
+            return CRYSTALS[self.slip_systems]
+        return self.slip_systems
+
     def to_material(self) -> Material:
         """Return the constants in MPa and s."""
         return Material(
             C11=self.C11_GPa * 1e3, C12=self.C12_GPa * 1e3, C44=self.C44_GPa * 1e3,
-            interaction=self._interaction_matrix(), strain_measure=self.strain_measure,
+            slip_systems=self._system_table(), interaction=self._interaction_matrix(),
+            strain_measure=self.strain_measure,
             **{
                 parameter.name: getattr(self, parameter.key.removeprefix("material."))
                 for parameter in MATERIAL_DECLARATIONS
@@ -187,6 +240,10 @@ class MaterialTable(Table):
         )  # fmt: skip
 
     def _interaction_matrix(self) -> Matrix | None:
-        if self.interaction is None or len(self.interaction) != 4:
+        if self.interaction is None or isinstance(self.interaction[0], tuple):
             return self.interaction
         return tuple(tuple(row) for row in bcc24_classes(*self.interaction).tolist())
+
+
+COPPER = MaterialTable(slip_systems="fcc", C11_GPa=168.4, C12_GPa=121.4, C44_GPa=75.4, tau0_MPa=20)
+"""Copper: elastic constants of Simmons and Wang (1971), and where a fit may begin."""

@@ -15,7 +15,7 @@ from driver.case.history import HistoryTable
 from driver.case.images import Dic, Images
 from driver.case.inference import DiagnosisTable, Identification
 from driver.case.loading import Boundary, Loads, Sections
-from driver.case.material import MaterialTable
+from driver.case.material import COPPER, Crystal, MaterialTable
 from driver.case.messages import refusal, sentences
 from driver.case.solver import Execution, Solver
 from driver.case.specimen import Specimen
@@ -25,6 +25,7 @@ from driver.common.errors import InputError, one_of
 from driver.parameters.boundary import LAMBDAS
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.registry import declared_parameters
+from solver_adapters.material import OF_BCC
 from templates import render
 
 AnyTable = TypeVar("AnyTable", bound=Table)
@@ -125,7 +126,9 @@ class Case(Table):
         known = [
             name
             for name in declared
-            if name not in taken and (len(self.grains) == 2 or not name.startswith(_OF_TWO_GRAINS))
+            if name not in taken
+            and (len(self.grains) == 2 or not name.startswith(_OF_TWO_GRAINS))
+            and (self.material.slip_systems == "bcc" or name not in OF_BCC)
         ]
         for name, value in self.extensions.items():
             if name not in known:
@@ -248,8 +251,11 @@ def write_case(case: Case, path: Path) -> None:
     path.write_text(case_text(case), encoding="utf-8")
 
 
-def default_case() -> Case:
+def default_case(crystal: Crystal = "bcc") -> Case:
     """Return the case that `prismid init` writes: two grains, and the rest at its default.
+
+    Args:
+        crystal: whose slip systems and constants it has, those of a BCC steel or of copper.
 
     Raises:
         InputError: an installed term of the user's own cannot be used.
@@ -264,6 +270,7 @@ def default_case() -> Case:
             Grain(name="grain 1", euler_deg=(0.0, 0.0, 0.0)),
             Grain(name="grain 2", euler_deg=(30.0, 0.0, 0.0)),
         ),
+        material=MaterialTable() if crystal == "bcc" else COPPER,
         images=Images(frames="images.tif", flats="flats.tif", repeats="repeats.tif"),
     )
 

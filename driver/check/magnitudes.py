@@ -8,7 +8,7 @@ import numpy as np
 
 from driver.experiment.history import History
 from meshes.arrays import FloatArray
-from solver_adapters.crystal import schmid_tensors
+from solver_adapters.crystal import SystemTable, schmid_tensors
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,7 @@ def magnitudes(
     section: float,
     strain_per_travel: float,
     orientations: FloatArray,
+    systems: SystemTable,
     tau0: FloatArray,
     stiffness: tuple[float, float, float],
 ) -> Magnitudes:
@@ -53,6 +54,7 @@ def magnitudes(
         section: of the specimen [µm²].
         strain_per_travel: strain of the specimen over stage travel [1/µm].
         orientations: crystal → specimen rotation of each grain, shape (n_grains, 3, 3).
+        systems: the slip systems.
         tau0: critical resolved shear stress of each grain [MPa], shape (n_grains,).
         stiffness: C11, C12, C44 [MPa].
     """
@@ -61,7 +63,7 @@ def magnitudes(
     moved = float(np.abs(np.diff(history.stage[history.turning])).sum())
     moving = float(np.diff(history.time)[np.diff(history.stage) != 0.0].sum())
     stress = float(np.nanmax(np.abs(force))) / section  # µN/µm² = MPa
-    schmid = np.array([largest_schmid_factor(rotation) for rotation in orientations])
+    schmid = np.array([largest_schmid_factor(rotation, systems) for rotation in orientations])
     moduli = [youngs_modulus(rotation[1], *stiffness) for rotation in orientations]
     return Magnitudes(
         travel=travel,
@@ -75,13 +77,14 @@ def magnitudes(
     )
 
 
-def largest_schmid_factor(rotation: FloatArray) -> float:
+def largest_schmid_factor(rotation: FloatArray, systems: SystemTable) -> float:
     """Return the largest Schmid factor of the slip systems for tension along Y, at most 1/2.
 
     Args:
         rotation: crystal → specimen, shape (3, 3).
+        systems: the slip systems.
     """
-    along_y = np.einsum("i,sij,j->s", rotation[1], schmid_tensors(), rotation[1])
+    along_y = np.einsum("i,sij,j->s", rotation[1], schmid_tensors(systems), rotation[1])
     return float(np.abs(along_y).max())
 
 

@@ -63,6 +63,7 @@ def sizes_of(case: Case, history: History, force: FloatArray) -> Magnitudes:
         case.section,
         nominal if ratio is None else ratio / case.specimen.length,
         orientations_of(case),
+        material.slip_systems,
         material.tau0 * ratios,
         (material.C11, material.C12, material.C44),
     )

@@ -21,6 +21,7 @@ from meshes.arrays import FloatArray
 from meshes.prism import section_divisions
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import SurfaceMesh, trace
+from solver_adapters.crystal import SystemTable
 from solver_adapters.interface import Adapter, Progress, Response, Simulation
 from solver_adapters.parameter import Parameter
 
@@ -38,6 +39,7 @@ class Course:
         face: the measured face.
         motion: motion of its nodes as the images show it [µm], shape (T, n, 3).
         load: load reading without noise [µN], shape (T,).
+        systems: its slip systems.
         slip: signed slip of the cells, shape (T, n_cells, 24), or None.
         values: the truth: every parameter of the general model.
     """
@@ -48,6 +50,7 @@ class Course:
     face: SurfaceMesh
     motion: FloatArray
     load: FloatArray
+    systems: SystemTable
     slip: FloatArray | None
     values: Mapping[str, float]
 
@@ -83,6 +86,7 @@ def course_of(
         face=face,
         motion=response.displacement[:, rows],
         load=response.force,
+        systems=simulation.material.slip_systems,
         slip=None if response.cells is None else response.cells.slip,
         values=values,
     )

@@ -160,6 +160,7 @@ def _subject(case: Case, course: Course, settings: Virtual, rng: np.random.Gener
             face,
             course.slip,
             course.orientations,
+            course.systems,
             look.slip_spacing_um,
             settings.microscope.resolution_nm * 1e-3,
             rng,

@@ -43,7 +43,7 @@ class BundledAdapter:
     def capabilities(self) -> Capabilities:
         """All parameters of the law, strain measures and schemes, derivatives, cell fields."""
         return Capabilities(
-            material=frozenset(MATERIAL_PARAMETERS),
+            material=frozenset((*MATERIAL_PARAMETERS, "slip_systems")),
             strain_measures=frozenset(("small", "finite")),
             derivatives=True,
             cell_fields=True,

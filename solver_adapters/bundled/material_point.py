@@ -339,7 +339,9 @@ class _Driver:
         """Return the point before loading."""
         depth = np.zeros(1)
         rotation = self.rotation[None]
-        state = initial_state(material.strain_measure, material.x0, 0.0, rotation, depth)
+        state = initial_state(
+            material.strain_measure, material.slip_systems, material.x0, 0.0, rotation, depth
+        )
         return _State(np.zeros(9), np.zeros(9), state[0], np.zeros(NS), np.zeros(NS))
 
     def advanced(self, start: _State, target: FloatArray, span: float, depth: int = 0) -> _State:

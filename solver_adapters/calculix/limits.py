@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver_adapters.constants import isotropic_hardening
-from solver_adapters.crystal import N_110
+from solver_adapters.crystal import BCC, FCC, N_110
 from solver_adapters.interface import Capabilities, Simulation, UnsupportedError
 from solver_adapters.material import Material
 from solver_adapters.profile import Profile
@@ -22,7 +22,9 @@ CAPABILITIES = Capabilities(
     # at `least_steps`, where a point drops another slip system (docs/calculix.md).
     noise=1e-5,
     cost=50.0,
-    conditional=frozenset(("tau0_112", "Q", "b", "h_latent", "Q_latent", "interaction")),
+    conditional=frozenset(
+        ("tau0_112", "slip_systems", "Q", "b", "h_latent", "Q_latent", "interaction")
+    ),
     cells=frozenset((10, 20)),
     tet10_points=frozenset((4,)),
     least_steps=20,
@@ -50,7 +52,13 @@ def check_supported(simulation: Simulation, profile: Profile) -> None:
             "process; expected processes = 1, and threads for more cores"
         )
     material = simulation.material
-    if material.tau0_112 < _OFF:
+    if material.slip_systems not in (BCC, FCC):
+        _refuse(
+            "slip_systems of the case's own: CalculiX has the octahedral ones; expected those of "
+            "FCC, or of BCC without {112}",
+            "slip_systems",
+        )
+    if material.slip_systems == BCC and material.tau0_112 < _OFF:
         _refuse(
             f"tau0_112 = {material.tau0_112:g}: CalculiX has no {{112}}⟨111⟩ systems; expected "
             f"{_OFF:g} or more, which switches them off",
@@ -73,7 +81,7 @@ def _refuse_interaction(material: Material) -> None:
         own += "" if material.interaction is None else " and an interaction of its own"
         _refuse(
             f"Q = {material.Q:g} with h_latent = {material.h_latent:g}{own}: CalculiX fixes the "
-            f"interaction of the {{110}}⟨111⟩ systems at 1 and {LATENT:g}; expected Q = "
+            f"interaction of its systems at 1 and {LATENT:g}; expected Q = "
             f"Q_latent = 0, or h_latent = {LATENT:g} without Q_latent and interaction",
             "h_latent",
         )

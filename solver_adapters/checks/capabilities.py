@@ -71,7 +71,8 @@ def _wishes(simulation: Simulation) -> Iterator[_Wish]:
     for name in _TERMS:
         if getattr(material, name) != getattr(null, name):
             shown = _shown(getattr(material, name))
-            yield _Wish(f"{name} = {shown}", "its null value", _material(name))
+            instead = "those of BCC" if name == "slip_systems" else "its null value"
+            yield _Wish(f"{name} = {shown}", instead, _material(name))
     measure, scheme = material.strain_measure, simulation.integration
     yield _Wish(
         f'strain_measure = "{measure}"', "another one", lambda c: measure in c.strain_measures

@@ -29,7 +29,7 @@ def refuse_yielding_eigenstrain(simulation: Simulation) -> None:
     C11, C12, C44 = elastic_constants(m)
     S11, S12 = np.linalg.inv(np.full((3, 3), C12) + (C11 - C12) * np.eye(3))[0, :2]
     along = simulation.orientations[:, 1]
-    directions, normals = slip_systems()
+    directions, normals = slip_systems(m.slip_systems)
     schmid = abs((along @ directions.T) * (along @ normals.T))
     strength = m.tau0 * np.where(np.arange(N_SYSTEMS) < N_110, 1.0, m.tau0_112)
     yields = grain_ratios(m, len(along)) / (schmid / strength).max(axis=1)

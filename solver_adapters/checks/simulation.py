@@ -20,6 +20,7 @@ from solver_adapters.checks.directions import refuse_bad_directions
 from solver_adapters.checks.eigenstrain import refuse_yielding_eigenstrain
 from solver_adapters.checks.mesh import refuse_bad_mesh
 from solver_adapters.checks.motion import refuse_bad_motion
+from solver_adapters.crystal import BCC, N_SYSTEMS, table_fault
 from solver_adapters.interface import (
     BadSimulationError,
     Integration,
@@ -30,6 +31,7 @@ from solver_adapters.material import (
     LATENT,
     LEAST_EXPONENT,
     MATERIAL_PARAMETERS,
+    OF_BCC,
     Material,
     StrainMeasure,
     admissible_at,
@@ -84,32 +86,44 @@ def refuse_bad_material(m: Material) -> None:
         expect_number("tau0_grains", ratio)
         if not POSITIVE.holds(ratio):
             raise UnsupportedError(f"tau0_grains holds {ratio:g}; expected positive numbers")
+    fault = table_fault(m.slip_systems)
+    if fault is not None:
+        raise UnsupportedError(
+            f"slip_systems has {fault}; expected 1 to {N_SYSTEMS} systems, each a plane normal and "
+            "a slip direction in that plane"
+        )
+    for name in sorted(OF_BCC):
+        value, null = getattr(m, name), getattr(Material(), name)
+        if m.slip_systems != BCC and value != null:
+            raise UnsupportedError(
+                f"{name} is {value:g}; expected {null:g}, for the slip systems are not those of BCC"
+            )
     if m.interaction is not None:
-        _refuse_bad_interaction(m.interaction)
+        _refuse_bad_interaction(m.interaction, len(m.slip_systems))
     if m.strain_measure not in get_args(StrainMeasure):
         raise UnsupportedError(
             f"strain_measure is {m.strain_measure!r}; expected 'small' or 'finite'"
         )
 
 
-def _refuse_bad_interaction(table: Any) -> None:
+def _refuse_bad_interaction(table: Any, n: int) -> None:
     try:
         rows = [len(row) for row in table]
     except TypeError:
         raise BadSimulationError(
-            f"interaction is {table!r}; expected 24 rows of 24 numbers"
+            f"interaction is {table!r}; expected {n} rows of {n} numbers"
         ) from None
-    if rows != [24] * 24:
+    if rows != [n] * n:
         raise UnsupportedError(
             f"interaction has {len(rows)} rows of {sorted(set(rows))} numbers; "
-            "expected 24 rows of 24"
+            f"expected {n} rows of {n}"
         )
     for row in table:
         for value in row:
             expect_number("a number of interaction", value)
     if not np.isfinite(table).all():
         raise UnsupportedError(
-            "interaction holds a number that is not finite; expected 24 × 24 finite numbers"
+            f"interaction holds a number that is not finite; expected {n} × {n} finite numbers"
         )
     least = min(min(row) for row in table)
     if not LATENT.holds(least):

@@ -16,7 +16,7 @@ from meshes.arrays import FloatArray, IntArray
 from meshes.tet10 import centre_gradients
 from solver_adapters.code_aster.law import system_order
 from solver_adapters.code_aster.rmed import Field, ResultFile
-from solver_adapters.crystal import schmid_tensors
+from solver_adapters.crystal import BCC, schmid_tensors
 from solver_adapters.interface import CellFields, Simulation
 
 _STRESS = ("SIXX", "SIYY", "SIZZ", "SIYZ", "SIXZ", "SIXY")
@@ -74,7 +74,7 @@ def small_rotation(simulation: Simulation, motion: FloatArray, slip: FloatArray)
         "tcai,caj->tcij", motion[:, mesh.cells], centre_gradients(mesh.points, mesh.cells)
     )
     R = simulation.orientations
-    schmid = np.einsum("gij,sjk,glk->gsil", R, schmid_tensors(), R)
+    schmid = np.einsum("gij,sjk,glk->gsil", R, schmid_tensors(BCC), R)
     elastic = gradient - np.einsum("tcs,csij->tcij", slip, schmid[mesh.grain])
     after, before = [2, 0, 1], [1, 2, 0]
     return np.asarray(0.5 * (elastic[..., after, before] - elastic[..., before, after]))
@@ -91,5 +91,5 @@ def _finite_rotation(state: Field) -> FloatArray:
 
 
 def _variables(places: IntArray, which: int) -> list[str]:
-    """Names of α (1), γ (2) or p (3) of the systems in the order of `crystal.slip_systems`."""
+    """Names of α (1), γ (2) or p (3) of the systems in the order of `crystal.BCC`."""
     return [f"V{6 + 3 * place + which}" for place in places]

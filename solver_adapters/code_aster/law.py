@@ -21,7 +21,7 @@ import numpy as np
 
 from meshes.arrays import FloatArray, IntArray
 from solver_adapters.constants import isotropic_hardening
-from solver_adapters.crystal import N_110, N_SYSTEMS, slip_systems
+from solver_adapters.crystal import BCC, N_110, N_SYSTEMS, slip_systems
 from solver_adapters.interaction import bcc24_classes, self_and_latent
 from solver_adapters.material import Material
 
@@ -63,7 +63,7 @@ def has_two_families(material: Material) -> bool:
 
 
 def system_order(material: Material) -> tuple[IntArray, FloatArray]:
-    """Where Code_Aster keeps each system of `crystal.slip_systems`, and its sense there.
+    """Where Code_Aster keeps each system of `crystal.BCC`, and its sense there.
 
     Returns:
         place of each system among Code_Aster's 24, shape (24,), and +1 or −1, shape (24,).
@@ -72,7 +72,7 @@ def system_order(material: Material) -> tuple[IntArray, FloatArray]:
     if has_two_families(material):
         table = np.array(_CUBIQUE1, dtype=np.float64)
         table /= np.linalg.norm(table, axis=2, keepdims=True)
-        directions, normals = slip_systems()
+        directions, normals = slip_systems(BCC)
         products = (normals[:N_110] @ table[:, 0].T) * (directions[:N_110] @ table[:, 1].T)
         places[:N_110] = abs(products).argmax(axis=1)
         senses[:N_110] = np.sign(products[np.arange(N_110), places[:N_110]])

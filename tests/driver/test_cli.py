@@ -7,6 +7,7 @@ from pathlib import Path
 from time import sleep
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
@@ -15,10 +16,12 @@ import driver.export.command
 import driver.workflow
 from driver.case.model import CaseError, load_case
 from driver.check.check_result import Finding
+from driver.check.magnitudes import youngs_modulus
 from driver.cli import app
 from driver.common.errors import InputError
 from driver.terminal import exit_codes
 from solver_adapters import kernels
+from solver_adapters.crystal import FCC
 from solver_adapters.interface import PreparedError, SolverError
 
 logger = logging.getLogger("driver.workflow")
@@ -370,6 +373,18 @@ def test_a_hint_quotes_a_path_with_spaces_and_umlauts(tmp_path: Path) -> None:
 def test_the_version_is_that_of_the_distribution(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("driver.cli.version", lambda name: {"prismid": "3.2.1"}[name])
     assert invoke("--version").stdout == "prismid 3.2.1\n"
+
+
+def test_init_writes_a_case_of_the_crystal_that_is_asked_for(tmp_path: Path) -> None:
+    """Young's moduli of copper along ⟨100⟩ and ⟨111⟩: 67 and 191 GPa (Simmons and Wang, 1971)."""
+    found = CliRunner().invoke(app, ["init", str(tmp_path), "--crystal", "fcc"])
+    assert found.exit_code == 0
+    material = load_case(tmp_path / "case.toml").material.to_material()
+    assert material.slip_systems == FCC
+    stiffness = material.C11, material.C12, material.C44
+    along = [np.array([1.0, 0.0, 0.0]), np.ones(3) / np.sqrt(3)]
+    moduli = [youngs_modulus(direction, *stiffness) for direction in along]
+    assert moduli == pytest.approx([66.7e3, 191.1e3], rel=3e-3)
 
 
 def test_init_overwrites_neither_a_case_nor_a_schema(tmp_path: Path) -> None:

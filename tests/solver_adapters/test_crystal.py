@@ -7,13 +7,17 @@ import numpy as np
 import pytest
 
 from solver_adapters.crystal import (
+    BCC,
+    FCC,
     N_110,
     N_SYSTEMS,
+    SystemTable,
     bunge_angles,
     bunge_matrix,
     rotation_vector_matrix,
     schmid_tensors,
     slip_systems,
+    table_fault,
 )
 
 CODE_ASTER = Path(__file__).parents[1] / "data" / "solver" / "bcc24_slip_systems.csv"
@@ -23,7 +27,7 @@ def test_the_systems_and_their_order_are_those_of_code_aster() -> None:
     with CODE_ASTER.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == N_SYSTEMS
-    directions, normals = slip_systems()
+    directions, normals = slip_systems(BCC)
     for row, m, n in zip(rows, directions, normals, strict=True):
         for letter, found in (("m", m), ("n", n)):
             expected = np.array([float(row[f"{letter}{axis}"]) for axis in "123"])
@@ -33,15 +37,51 @@ def test_the_systems_and_their_order_are_those_of_code_aster() -> None:
 
 
 def test_slip_is_isochoric_and_its_schmid_tensors_have_unit_norm() -> None:
-    schmid = schmid_tensors()
+    schmid = schmid_tensors(BCC)
     np.testing.assert_allclose(np.trace(schmid, axis1=1, axis2=2), 0, atol=1e-15)
     np.testing.assert_allclose(np.linalg.norm(schmid, axis=(1, 2)), 1, rtol=1e-14)
 
 
 def test_no_system_comes_twice() -> None:
-    schmid = schmid_tensors().reshape(N_SYSTEMS, 9)
+    schmid = schmid_tensors(BCC).reshape(N_SYSTEMS, 9)
     alignment = abs(schmid @ schmid.T) - np.eye(N_SYSTEMS)
     assert alignment.max() < 0.99
+
+
+def test_the_systems_of_fcc_are_all_directions_110_in_all_planes_111() -> None:
+    planes = [(1, 1, 1), (-1, 1, 1), (1, -1, 1), (1, 1, -1)]
+    signs = [(1, 1), (1, -1)]
+    lines = [(0, a, b) for a, b in signs] + [(a, 0, b) for a, b in signs]
+    lines += [(a, b, 0) for a, b in signs]
+    pairs = [(n, m) for n in planes for m in lines if np.dot(n, m) == 0]
+    assert len(pairs) == len(FCC) == 12
+    expected = np.array([np.outer(m, n) for n, m in pairs]).reshape(12, 9) / np.sqrt(6)
+    found = schmid_tensors(FCC)[:12].reshape(12, 9)
+    alike = abs(expected @ found.T) > 1 - 1e-12
+    assert (alike.sum(axis=0) == 1).all() and (alike.sum(axis=1) == 1).all()
+    assert not schmid_tensors(FCC)[12:].any()
+
+
+@pytest.mark.parametrize(
+    ("table", "fault"),
+    [
+        ((), "0 systems"),
+        ((BCC + FCC), "36 systems"),
+        ((((1, 1, 1), (1, 1, 0)),), "system 1 with a direction that does not lie in its plane"),
+        ((((1, 1, 1), (0, 0, 0)),), "system 1 with a plane or a direction of length 0"),
+        (
+            (FCC[0], FCC[1], ((-2, -2, -2), (1, 0, -1))),
+            "system 3 that is system 1 again",
+        ),
+        (BCC, None),
+        (FCC, None),
+    ],
+    ids=str,
+)
+def test_a_table_that_is_none_of_slip_systems_is_told_why(
+    table: SystemTable, fault: str | None
+) -> None:
+    assert table_fault(table) == fault
 
 
 def test_the_columns_of_a_bunge_matrix_are_the_crystal_axes_in_the_sample() -> None:

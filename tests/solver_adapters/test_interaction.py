@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_adapters.crystal import slip_systems
+from solver_adapters.crystal import BCC, slip_systems
 from solver_adapters.interaction import bcc24_classes, self_and_latent
 
 
 def test_the_classes_of_bcc24_are_symmetric_and_follow_direction_and_family() -> None:
     matrix = bcc24_classes(1.0, 2.0, 3.0, 4.0)
     np.testing.assert_array_equal(matrix, matrix.T)
-    m, _ = slip_systems()
+    m, _ = slip_systems(BCC)
     same = abs(abs(m @ m.T) - 1) < 1e-12
     family = np.arange(24) >= 12
     both, none = family[:, None] & family, ~family[:, None] & ~family

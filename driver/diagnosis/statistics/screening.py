@@ -20,7 +20,8 @@ from driver.parameters.history import HOLD
 from driver.parameters.instrument import PATTERN_DECLARATIONS
 from driver.parameters.microstructure import LATTICE_DECLARATIONS
 from meshes.arrays import FloatArray
-from solver_adapters.material import MATERIAL_PARAMETERS, OF_SECOND_GRAIN
+from solver_adapters.crystal import BCC
+from solver_adapters.material import MATERIAL_PARAMETERS, OF_BCC, OF_SECOND_GRAIN
 
 
 def screened(
@@ -46,6 +47,8 @@ def parameters_of_the_specimen(model: ForwardModel) -> frozenset[str]:
     law = frozenset(MATERIAL_PARAMETERS)
     if len(model.microstructure.orientations) < 2:
         law -= OF_SECOND_GRAIN
+    if model.material.slip_systems != BCC:
+        law -= OF_BCC
     if dwells(model.boundary.weights).any():
         law |= {HOLD}
     return seen | law | model.boundary.parameters | model.microstructure.parameters

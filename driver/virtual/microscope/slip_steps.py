@@ -20,7 +20,7 @@ from driver.virtual.microscope.face_motion import Face
 from meshes.arrays import FloatArray, IntArray
 from meshes.cells import outer_faces
 from meshes.prism_mesh import PrismMesh
-from solver_adapters.crystal import slip_systems
+from solver_adapters.crystal import SystemTable, slip_systems
 
 _NEGLIGIBLE = 1e-6  # µm of height; and share of a wave
 
@@ -76,6 +76,7 @@ def slip_steps(
     face: Face,
     slip: FloatArray,
     orientations: FloatArray,
+    systems: SystemTable,
     spacing: float,
     resolution: float,
     rng: np.random.Generator,
@@ -87,6 +88,7 @@ def slip_steps(
         face: its face TOP.
         slip: signed slip of each cell of the prism, shape (T, n_cells, 24).
         orientations: crystal → specimen rotation of each grain, shape (n_grains, 3, 3).
+        systems: the slip systems.
         spacing: distance of two slip planes [µm].
         resolution: standard deviation over which a step is rounded [µm].
         rng: source of the positions of the planes.
@@ -103,7 +105,7 @@ def slip_steps(
         count = np.bincount(corners[own].ravel(), minlength=len(total))
         mean = total / np.maximum(count, 1)[:, None, None]
         at_corners[:, own] = np.moveaxis(mean[corners[own]], 2, 0)
-    directions, normals = slip_systems()
+    directions, normals = slip_systems(systems)
     return SlipSteps(
         face=face,
         grain=grain,

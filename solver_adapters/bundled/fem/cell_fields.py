@@ -16,7 +16,6 @@ from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.problem import Problem
 from solver_adapters.bundled.fem.state import Instant
 from solver_adapters.bundled.law.law import NS, S_ACC
-from solver_adapters.crystal import schmid_tensors
 
 WIDTHS = {"stress": 6, "slip": NS, "accumulated_slip": NS, "rotation": 3}
 """Components of each field."""
@@ -44,7 +43,8 @@ def cell_fields(problem: Problem, start: Instant, instant: Instant) -> dict[str,
         turned = rotation_between(before, lattice_axes(instant.H, instant.state[:, :9], rotation))
     else:
         stress = small_stress(instant.P, rotation)
-        turned = small_rotation(instant.H - start.H, instant.slip - start.slip, rotation)
+        slip = instant.slip - start.slip
+        turned = small_rotation(instant.H - start.H, slip, rotation, points.systems.tensors)
     fields = {
         "stress": stress[:, _ROW, _COLUMN],
         "slip": instant.slip,
@@ -75,9 +75,18 @@ def finite_stress(P: FloatArray, H: FloatArray, rotation: FloatArray) -> FloatAr
     return stress
 
 
-def small_rotation(H: FloatArray, slip: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Rotation vector of the lattice in the specimen frame [rad], (n_points, 3)."""
-    slipped = np.einsum("ps,sij->pij", slip, schmid_tensors())
+def small_rotation(
+    H: FloatArray, slip: FloatArray, rotation: FloatArray, schmid: FloatArray
+) -> FloatArray:
+    """Rotation vector of the lattice in the specimen frame [rad], (n_points, 3).
+
+    Args:
+        H: displacement gradient times the crystal rotation, (n_points, 9).
+        slip: signed slip of each system, (n_points, 24).
+        rotation: crystal → specimen rotation, (n_points, 3, 3).
+        schmid: Schmid tensors in crystal axes, (24, 3, 3).
+    """
+    slipped = np.einsum("ps,sij->pij", slip, schmid)
     # In the crystal on the right: what is left of the displacement gradient without slip.
     elastic = (H.reshape(-1, 3, 3) - rotation @ slipped) @ np.swapaxes(rotation, 1, 2)
     after, before = [2, 0, 1], [1, 2, 0]

@@ -150,12 +150,13 @@ def _rest(
         distance = surface_distance(points.position, points.nodes[faces[~held]])
         skin = skin_factor(ratio, thickness, distance)
     skin = skin * _modes_factor(simulation, values, points)
-    measure = simulation.material.strain_measure
-    second = simulation.material.c2 != 0.0 or any(
+    material = simulation.material
+    second = material.c2 != 0.0 or any(
         "c2" in direction.material for direction in simulation.directions
     )
     n_state = N_STATE if second else S_X2
-    return initial_state(measure, x0, eigenstrain, rotation, depth, n_state), skin
+    measure, systems = material.strain_measure, material.slip_systems
+    return initial_state(measure, systems, x0, eigenstrain, rotation, depth, n_state), skin
 
 
 def _modes_factor(simulation: Simulation, values: Mapping[str, Any], points: _Points) -> AnyArray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from meshes.arrays import AnyArray
 from solver_adapters.bundled.law.law import N_STATE, NS, S_X, STRAIN_MODES
-from solver_adapters.crystal import slip_systems
+from solver_adapters.crystal import SystemTable, slip_systems
 from solver_adapters.interface import UnsupportedError
 from solver_adapters.material import StrainMeasure
 
@@ -28,6 +28,7 @@ _AXIAL = np.diag([-0.5, 1.0, -0.5])
 
 def initial_state(
     strain_measure: StrainMeasure,
+    systems: SystemTable,
     x0: Any,
     eigenstrain: Any,
     rotation: AnyArray,
@@ -41,6 +42,7 @@ def initial_state(
 
     Args:
         strain_measure: "small" or "finite".
+        systems: the slip systems.
         x0: back strain of a system whose Schmid factor along Y is 1/2, see `Material`.
         eigenstrain: difference over the depth, see `Material`.
         rotation: crystal → specimen rotation of each point, (n_points, 3, 3).
@@ -50,7 +52,7 @@ def initial_state(
     Returns:
         (n_points, n_state), complex where an argument is.
     """
-    m, n = slip_systems()
+    m, n = slip_systems(systems)
     axis = rotation[:, 1]
     schmid = (axis @ m.T) * (axis @ n.T)
     strain = (eigenstrain * depth)[:, None, None] * _AXIAL

@@ -17,7 +17,9 @@ from solver_adapters.bundled.law.law import (
     P_Q,
     S_ACC,
     STRAIN_MODES,
+    SystemModes,
     local_parameters,
+    system_modes,
 )
 from solver_adapters.constants import interaction_matrix
 from solver_adapters.interface import Integration
@@ -113,6 +115,7 @@ class Points:
         frame_of: row of `rotation` of each point, shape (n_points,).
         rotation: crystal → specimen rotations, shape (n_frames, 3, 3).
         skin: factor on τ0 of each point, shape (n_points,).
+        systems: the slip systems.
         interaction: interaction matrix, shape (24, 24).
     """
 
@@ -123,6 +126,7 @@ class Points:
     frame_of: IntArray
     rotation: FloatArray
     skin: FloatArray
+    systems: SystemModes
     interaction: FloatArray
 
     @property
@@ -210,6 +214,9 @@ class Points:
             self._frame,
             self.local,
             self.skin[which],
+            self.systems.schmid,
+            self.systems.conjugate,
+            self.systems.sense,
             self.interaction,
             self.exponential,
             self.coupled,
@@ -265,6 +272,9 @@ class Points:
             self._frame,
             self.local,
             self.skin,
+            self.systems.schmid,
+            self.systems.conjugate,
+            self.systems.sense,
             self.interaction,
             self.exponential,
             self.coupled,
@@ -306,5 +316,6 @@ def points_of_grains(
         grain,
         rotation,
         np.ones(grain.size),
+        system_modes(material.slip_systems),
         interaction_matrix(material),
     )

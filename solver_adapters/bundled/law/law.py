@@ -24,11 +24,21 @@ by ten orders of magnitude, needs tens.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cache
+
 import numpy as np
 
 from meshes.arrays import FloatArray
 from solver_adapters.constants import elastic_constants, grain_ratios
-from solver_adapters.crystal import N_110, N_SYSTEMS, schmid_tensors, slip_systems
+from solver_adapters.crystal import (
+    BCC,
+    N_110,
+    N_SYSTEMS,
+    SystemTable,
+    schmid_tensors,
+    slip_systems,
+)
 from solver_adapters.material import Material
 
 NS = N_SYSTEMS
@@ -79,37 +89,46 @@ _SPIN_MODES = _R2 * np.array(
 )
 # Orthonormal tensors without trace: five strains, three spins.
 SLIP_MODES = np.concatenate([STRAIN_MODES[:5], _SPIN_MODES])
-# Schmid tensors in these modes, mode first, shape (8, 24); small strain needs the first five.
-SCHMID_MODES = np.ascontiguousarray(np.einsum("kij,sij->ks", SLIP_MODES, schmid_tensors()))
-
-
 FIRST_112 = N_110
 
 
-def _conjugate_tensors() -> FloatArray:
-    """√3/2 m ⊗ (m × n) of the {110} systems, null for {112}, shape (24, 3, 3).
+@dataclass(frozen=True, eq=False)
+class SystemModes:
+    """Slip systems as kernels take them, tensors in `SLIP_MODES`, mode first.
 
-    The {110} plane 60° away from n has the normal n/2 + S √3/2 (m × n) for slip of sign S: its
-    part along n scales τ, the rest is this tensor.
+    Small strain needs the first five modes.
+
+    Attributes:
+        tensors: Schmid tensors in crystal axes, shape (24, 3, 3).
+        schmid: the same in modes, shape (8, 24).
+        conjugate: tensors of the conjugate {110} planes, null for other systems, shape (8, 24).
+        sense: +1 where positive slip shears a {112} system in the twinning sense, −1 against, 0 for
+            other systems, shape (24,).
     """
-    m, n = slip_systems()
-    tensors = np.sqrt(0.75) * np.einsum("si,sj->sij", m, np.cross(m, n))
-    tensors[FIRST_112:] = 0.0
-    return np.asarray(tensors)
+
+    tensors: FloatArray
+    schmid: FloatArray
+    conjugate: FloatArray
+    sense: FloatArray
 
 
-CONJUGATE_MODES = np.ascontiguousarray(np.einsum("kij,sij->ks", SLIP_MODES, _conjugate_tensors()))
+@cache
+def system_modes(table: SystemTable) -> SystemModes:
+    """Return the slip systems of a table as kernels take them."""
+    conjugate, sense = np.zeros((N_SYSTEMS, 3, 3)), np.zeros(N_SYSTEMS)
+    if table == BCC:
+        m, n = slip_systems(table)
+        # The {110} plane 60° away from n has the normal n/2 + S √3/2 (m × n) for slip of sign S:
+        # its part along n scales τ, the rest is √3/2 m ⊗ (m × n).
+        across = np.sqrt(0.75) * np.einsum("si,sj->sij", m, np.cross(m, n))
+        conjugate[:FIRST_112] = across[:FIRST_112]
+        sense[FIRST_112:] = np.sign(np.prod(m * n, axis=1))[FIRST_112:]
+    tensors = schmid_tensors(table)
+    return SystemModes(tensors, _in_modes(tensors), _in_modes(conjugate), sense)
 
 
-def _twinning_senses() -> FloatArray:
-    """+1 where positive slip shears a {112} system in the twinning sense, −1 against, 0 {110}."""
-    m, n = slip_systems()
-    senses = np.sign(np.prod(m * n, axis=1))
-    senses[:FIRST_112] = 0.0
-    return np.asarray(senses)
-
-
-TWINNING_SENSE = _twinning_senses()
+def _in_modes(tensors: FloatArray) -> FloatArray:
+    return np.ascontiguousarray(np.einsum("kij,sij->ks", SLIP_MODES, tensors))
 
 
 def local_parameters(material: Material, n_grains: int) -> FloatArray:

@@ -11,7 +11,7 @@ from solver_adapters.bundled.law import (
     small_derivative,
     small_strain,
 )
-from solver_adapters.bundled.law.law import CONJUGATE_MODES, NS, S_X, SCHMID_MODES, TWINNING_SENSE
+from solver_adapters.bundled.law.law import NS, S_X
 from solver_adapters.bundled.law.simd_rows import LANES
 from solver_adapters.kernels import batch_kernel, kernel
 
@@ -38,6 +38,9 @@ def update_small(
     frame: FloatArray,
     local: FloatArray,
     skin: FloatArray,
+    schmid: FloatArray,
+    conjugate: FloatArray,
+    sense: FloatArray,
     interaction: FloatArray,
     exponential: bool,
     coupled: bool,
@@ -55,7 +58,7 @@ def update_small(
     n = H.shape[0]
     for chunk in prange(_CHUNKS):
         w = np.zeros(_SMALL_SIZE)
-        _small_prepare(w, SCHMID_MODES, CONJUGATE_MODES, interaction, TWINNING_SENSE)
+        _small_prepare(w, schmid, conjugate, interaction, sense)
         for i in range(chunk * n // _CHUNKS, (chunk + 1) * n // _CHUNKS):
             V = frame[frame_of[i]]
             p = local[grain[i]]
@@ -84,6 +87,9 @@ def update_finite(
     frame: FloatArray,
     local: FloatArray,
     skin: FloatArray,
+    schmid: FloatArray,
+    conjugate: FloatArray,
+    sense: FloatArray,
     interaction: FloatArray,
     exponential: bool,
     coupled: bool,
@@ -101,7 +107,7 @@ def update_finite(
     n = H.shape[0]
     for chunk in prange(_CHUNKS):
         w = np.zeros(_FINITE_SIZE)
-        _finite_prepare(w, SCHMID_MODES, CONJUGATE_MODES, interaction, TWINNING_SENSE)
+        _finite_prepare(w, schmid, conjugate, interaction, sense)
         for i in range(chunk * n // _CHUNKS, (chunk + 1) * n // _CHUNKS):
             p = local[grain[i]]
             count[i] = _finite_update(
@@ -129,6 +135,9 @@ def derive_small(
     frame: FloatArray,
     local: FloatArray,
     skin: FloatArray,
+    schmid: FloatArray,
+    conjugate: FloatArray,
+    sense: FloatArray,
     interaction: FloatArray,
     exponential: bool,
     coupled: bool,
@@ -154,7 +163,7 @@ def derive_small(
     blocks = (n_directions + LANES - 1) // LANES
     for chunk in prange(_CHUNKS):
         w, b, moving = np.zeros(_SMALL_SIZE), np.zeros(_SMALL_LANES), np.zeros(NS, dtype=np.int64)
-        _small_prepare(w, SCHMID_MODES, CONJUGATE_MODES, interaction, TWINNING_SENSE)
+        _small_prepare(w, schmid, conjugate, interaction, sense)
         for i in range(chunk * n // _CHUNKS, (chunk + 1) * n // _CHUNKS):
             g, f = grain[i], frame_of[i]
             _small_update(
@@ -211,6 +220,9 @@ def derive_finite(
     frame: FloatArray,
     local: FloatArray,
     skin: FloatArray,
+    schmid: FloatArray,
+    conjugate: FloatArray,
+    sense: FloatArray,
     interaction: FloatArray,
     exponential: bool,
     coupled: bool,
@@ -236,7 +248,7 @@ def derive_finite(
     blocks = (n_directions + LANES - 1) // LANES
     for chunk in prange(_CHUNKS):
         w, b, moving = np.zeros(_FINITE_SIZE), np.zeros(_FINITE_LANES), np.zeros(NS, dtype=np.int64)
-        _finite_prepare(w, SCHMID_MODES, CONJUGATE_MODES, interaction, TWINNING_SENSE)
+        _finite_prepare(w, schmid, conjugate, interaction, sense)
         for i in range(chunk * n // _CHUNKS, (chunk + 1) * n // _CHUNKS):
             g, f = grain[i], frame_of[i]
             _finite_update(

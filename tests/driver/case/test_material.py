@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from driver.case.material import MaterialTable
+from solver_adapters.constants import interaction_matrix
+from solver_adapters.crystal import BCC, FCC
 from solver_adapters.interaction import bcc24_classes
-from solver_adapters.material import MATERIAL_DECLARATIONS, Material
+from solver_adapters.material import MATERIAL_DECLARATIONS, OF_BCC, Material
 from tests.driver.case.tables import refused
 
 
@@ -86,3 +88,47 @@ def test_whatever_a_fit_may_find_may_be_stated() -> None:
         key = parameter.key.removeprefix("material.")
         for value in (parameter.lower, parameter.upper):
             assert getattr(MaterialTable.model_validate({key: value}), key) == value
+
+
+def test_slip_systems_are_those_of_a_crystal_by_name_or_a_table() -> None:
+    assert read("").to_material().slip_systems == BCC
+    assert read('slip_systems = "fcc"').to_material().slip_systems == FCC
+    own = read("slip_systems = [[[1, 1, 1], [0, 1, -1]], [[1, 1, 1], [1, -1, 0]]]")
+    assert own.to_material().slip_systems == (((1, 1, 1), (0, 1, -1)), ((1, 1, 1), (1, -1, 0)))
+
+
+@pytest.mark.parametrize(
+    "systems",
+    [
+        "hcp",
+        3,
+        [],
+        [[[1, 1, 1]]],
+        [[[1, 1, 1], [1, 1]]],
+        [[[1, 1, 1], [1, 1, 0]]],
+        [[[1, 1, 1], [0, 1, -1]], [[1, 1, 1], [0, -1, 1]]],
+        [[[1, 1, 1], [0, 0, 0]]],
+    ],
+    ids=str,
+)
+def test_what_are_no_slip_systems_is_refused_with_what_would_be(systems: object) -> None:
+    key, expected = refused(MaterialTable, slip_systems=systems)
+    assert key == "slip_systems" and expected.startswith('"bcc", "fcc", or 1 to 24 systems [[')
+
+
+@pytest.mark.parametrize("name", sorted(OF_BCC))
+def test_what_only_bcc_has_is_refused_of_another_crystal(name: str) -> None:
+    key, expected = refused(MaterialTable, slip_systems="fcc", **{name: 0.5})
+    assert key == name and expected.endswith('for slip_systems is not "bcc"')
+    assert MaterialTable.model_validate({name: 0.5}).to_material().slip_systems == BCC
+
+
+def test_an_interaction_has_a_row_for_each_system() -> None:
+    twelve = (np.eye(12) + 0.1).tolist()
+    table = MaterialTable.model_validate({"slip_systems": "fcc", "interaction": twelve})
+    matrix = interaction_matrix(table.to_material())
+    assert np.array_equal(matrix[:12, :12], twelve)
+    assert np.array_equal(matrix[12:], np.eye(24)[12:])
+    assert refused(MaterialTable, interaction=twelve) == ("interaction", "24 rows of 24 numbers")
+    classes = refused(MaterialTable, slip_systems="fcc", interaction=[1, 1.4, 0.7, 0.5])
+    assert classes == ("interaction", "12 rows of 12 numbers")

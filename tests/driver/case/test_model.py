@@ -15,6 +15,10 @@ from tests.driver.stated_sizes import stated_case
 
 ALPHA = Path(__file__).parents[3] / "examples" / "alpha" / "case.toml"
 
+_A_ROW_FOR_EACH = (
+    "a row of numbers for each slip system, or for bcc the four numbers [H1, H2, H3, H4]"
+)
+
 
 def write(tmp_path: Path, *changes: tuple[str, str]) -> Path:
     """The default case with some of its text replaced."""
@@ -74,15 +78,15 @@ def refused(tmp_path: Path, *changes: tuple[str, str]) -> list[str]:
         ("[extensions]", '[extensions]\ntau0_grain2 = "1"', "extensions.tau0_grain2", '"1"',
          "a number (starts of parameters"),
         ("# interaction = [1, 1, 1, 1]", "interaction = [1, 1.4, 1]", "material.interaction",
-         "[1, 1.4, 1]", "24 rows of 24 numbers, or the four numbers [H1, H2, H3, H4]"),
+         "[1, 1.4, 1]", _A_ROW_FOR_EACH),
         ("# interaction = [1, 1, 1, 1]", 'interaction = "BCC24"', "material.interaction",
-         '"BCC24"', "24 rows of 24 numbers, or the four numbers [H1, H2, H3, H4]"),
+         '"BCC24"', _A_ROW_FOR_EACH),
         ("# interaction = [1, 1, 1, 1]", "interaction = [1, 1, 1, nan]", "material.interaction",
-         "[1, 1, 1, NaN]", "24 rows of 24 numbers, or the four numbers [H1, H2, H3, H4]"),
+         "[1, 1, 1, NaN]", _A_ROW_FOR_EACH),
         ("# interaction = [1, 1, 1, 1]", f"interaction = {[[1.0] * 24] * 23}",
-         "material.interaction", "a list of 23 rows", "24 rows of 24 numbers, or the four"),
+         "material.interaction", "23 rows, row 1 of 24 numbers", _A_ROW_FOR_EACH),
         ("# interaction = [1, 1, 1, 1]", f"interaction = {[[1.0] * 24] * 23 + [[1.0, 2.0]]}",
-         "material.interaction", "row 24 as [1.0, 2.0]", "24 rows of 24 numbers, or the four"),
+         "material.interaction", "24 rows, row 24 of 2 numbers", _A_ROW_FOR_EACH),
         ("d2 = 150.0", "d2 = 0", "material.d2", "0", "> 0"),
         ("tau0_antitwinning = 1.0", "tau0_antitwinning = -1", "material.tau0_antitwinning", "-1",
          "≥ 1e-06"),

@@ -8,6 +8,7 @@ import pytest
 from driver.check.magnitudes import largest_schmid_factor, magnitudes, youngs_modulus
 from driver.experiment.history import History
 from meshes.arrays import FloatArray
+from solver_adapters.crystal import BCC
 
 IRON = 231.4, 134.7, 116.4  # GPa, Rayne and Chandrasekhar (1961)
 
@@ -32,7 +33,7 @@ def turned(along_y: tuple[int, int, int]) -> FloatArray:
 def test_the_largest_schmid_factor_is_that_of_the_stereographic_triangle(
     along_y: tuple[int, int, int], factor: float
 ) -> None:
-    assert largest_schmid_factor(turned(along_y)) == pytest.approx(factor)
+    assert largest_schmid_factor(turned(along_y), BCC) == pytest.approx(factor)
 
 
 @pytest.mark.parametrize(
@@ -65,7 +66,7 @@ def test_sizes_of_a_small_test_are_those_by_hand() -> None:
     )
     of = magnitudes(
         history, np.array([0.0, 600.0, np.nan]), 6.0, 1e-3,
-        np.array([turned((0, 0, 1)), turned((1, 1, 1))]), np.array([40.0, 20.0]),
+        np.array([turned((0, 0, 1)), turned((1, 1, 1))]), BCC, np.array([40.0, 20.0]),
         (260e3, 100e3, 80e3),
     )  # fmt: skip
     assert of.travel == 10.0 and of.strain == pytest.approx(0.01)

@@ -35,11 +35,11 @@ from solver_adapters.bundled.law.law import (
     S_X2,
     STRAIN_MODES,
 )
-from solver_adapters.crystal import schmid_tensors, slip_systems
+from solver_adapters.crystal import BCC, schmid_tensors, slip_systems
 
 AnyArray = NDArray[Any]
-SCHMID = schmid_tensors()
-DIRECTIONS, NORMALS = slip_systems()
+SCHMID = schmid_tensors(BCC)
+DIRECTIONS, NORMALS = slip_systems(BCC)
 COMPLEX_STEP = 1e-30
 
 

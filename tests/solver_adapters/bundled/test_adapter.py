@@ -17,7 +17,7 @@ from solver_adapters.bundled.fem.state import Instant
 from solver_adapters.bundled.restart import FILE
 from solver_adapters.bundled.sensitivities import Differentiation
 from solver_adapters.bundled.stepping import Stepper
-from solver_adapters.crystal import rotation_vector_matrix, schmid_tensors
+from solver_adapters.crystal import BCC, rotation_vector_matrix, schmid_tensors
 from solver_adapters.interface import (
     Direction,
     Integration,
@@ -98,7 +98,7 @@ def test_a_free_bar_yields_at_the_load_of_schmid() -> None:
     mask[np.flatnonzero((at == np.array([2, 0, 0])).all(axis=1)), 2] = True
     response = solve(replace(plain, motion_mask=mask))
     axis = ORIENTATIONS[0].T @ [0.0, 1.0, 0.0]
-    factor = abs(np.einsum("i,sij,j->s", axis, schmid_tensors(), axis)).max()
+    factor = abs(np.einsum("i,sij,j->s", axis, schmid_tensors(BCC), axis)).max()
     yield_force = 4.0 * material.tau0 / factor
     elastic, before, first, second = response.force[1:]
     np.testing.assert_allclose(before, elastic * 3 / 2, rtol=1e-6)

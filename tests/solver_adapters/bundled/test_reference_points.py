@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import permutations, product
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +11,30 @@ import pytest
 from numpy.typing import NDArray
 
 from solver_adapters.bundled.law.gauss_points import Points, points_of_grains
-from solver_adapters.crystal import bunge_matrix
+from solver_adapters.crystal import BCC, FCC, SystemTable, bunge_matrix
 from solver_adapters.interface import Integration
 from solver_adapters.material import Material, StrainMeasure
+from tests.solver_adapters.bundled.rate_equations import cauchy_stress
 from tests.solver_adapters.bundled.rest import state_at_rest
 
 AnyArray = NDArray[Any]
 DATA = Path(__file__).parents[2] / "data" / "solver"
 R = bunge_matrix(281, 8, 47)
 REVERSAL = 80
+
+
+def _of_planes_123() -> SystemTable:
+    """The 24 systems {123}⟨111⟩: every plane of the form that holds a direction ⟨111⟩."""
+    directions = [(1, 1, 1), (-1, 1, 1), (1, -1, 1), (1, 1, -1)]
+    found = []
+    for a, b, c in permutations((1, 2, 3)):
+        for signs in product((1, -1), repeat=2):
+            plane = (a, signs[0] * b, signs[1] * c)
+            found += [(plane, m) for m in directions if np.dot(plane, m) == 0]
+    return tuple(found)
+
+
+OTHERS = {"fcc": FCC, "123": _of_planes_123()}
 
 
 def _points(material: Material, integration: Integration = "backward_euler") -> Points:
@@ -121,3 +137,46 @@ def test_without_the_112_family_uniaxial_cycles_agree_with_an_octahedral_solutio
     points = _points(Material(strain_measure="small", tau0_112=1e9))
     found = _uniaxial_stress(points, 2, times, strains)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * abs(expected).max())
+
+
+SLOW = np.arange(0, 160, 4)
+"""Rows of the reference, loading and half of the unloading."""
+
+
+def _strain_at(t: AnyArray, e: AnyArray) -> Any:
+    return lambda instant: _gradient("finite", float(np.interp(instant, t, e)))
+
+
+def test_the_rate_equations_that_are_integrated_here_are_those_of_the_reference() -> None:
+    with np.load(DATA / "crystal_point.npz") as data:
+        t, e, _, _, s33 = data["finite"][SLOW, :5].T
+    stress = cauchy_stress(Material(), BCC, R, _strain_at(t, e), t)
+    np.testing.assert_allclose(stress[:, 2, 2], s33, atol=2e-3)
+
+
+@pytest.mark.parametrize("name", sorted(OTHERS))
+def test_other_slip_systems_follow_their_rate_equations_in_finite_strain(name: str) -> None:
+    """Of first order in the length of the steps, as those of BCC."""
+    with np.load(DATA / "crystal_point.npz") as data:
+        t, e = data["finite"][SLOW, :2].T
+    systems = OTHERS[name]
+    expected = cauchy_stress(Material(), systems, R, _strain_at(t, e), t)
+    of_bcc = cauchy_stress(Material(), BCC, R, _strain_at(t, e), t)
+    points = _points(Material(slip_systems=systems))
+    errors = []
+    for substeps in (4, 8, 16):
+        state, slips, off = state_at_rest(points), np.zeros((1, 24)), []
+        for row in range(1, len(t)):
+            for part in range(1, substeps + 1):
+                strain = e[row - 1] + (e[row] - e[row - 1]) * part / substeps
+                H, dt = _gradient("finite", strain), (t[row] - t[row - 1]) / substeps
+                found = points.update((H @ R).reshape(1, 9), state, slips, dt)
+                assert found.iterations[0] >= 0
+                state, slips = found.state, found.slips
+            F = np.eye(3) + H
+            cauchy = found.P.reshape(3, 3) @ R.T @ F.T / np.linalg.det(F)
+            off.append(cauchy - expected[row])
+        errors.append(float(np.sqrt(np.mean(np.square(off)))))
+        assert not slips[0, len(systems) :].any()
+    assert errors[0] < 0.5 and errors[1] < 0.6 * errors[0] and errors[2] < 0.6 * errors[1]
+    assert np.sqrt(np.mean((of_bcc - expected) ** 2)) > 10 * errors[0]

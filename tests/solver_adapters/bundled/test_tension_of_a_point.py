@@ -11,7 +11,14 @@ from scipy.linalg import polar
 from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.problem import build_problem
 from solver_adapters.bundled.law.gauss_points import PointSolution
-from solver_adapters.crystal import rotation_vector_matrix, schmid_tensors, slip_systems
+from solver_adapters.crystal import (
+    BCC,
+    FCC,
+    SystemTable,
+    rotation_vector_matrix,
+    schmid_tensors,
+    slip_systems,
+)
 from solver_adapters.interface import Simulation
 from solver_adapters.material import Material, StrainMeasure
 from tests.solver_adapters.bundled.elasticity import stiffness
@@ -73,13 +80,16 @@ def _pulled_point(material: Material, orientation: FloatArray) -> Simulation:
     return replace(simulation, orientations=orientation[None])
 
 
-def test_slip_begins_at_the_stress_of_the_largest_schmid_factor(measure: StrainMeasure) -> None:
+@pytest.mark.parametrize("systems", [BCC, FCC], ids=["bcc", "fcc"])
+def test_slip_begins_at_the_stress_of_the_largest_schmid_factor(
+    systems: SystemTable, measure: StrainMeasure
+) -> None:
     """Elastic at 99.7 % of τ0/μ, plastic from 101 % on, for several orientations."""
-    material = Material(strain_measure=measure, c=0.0, K=1e-2)
+    material = Material(strain_measure=measure, slip_systems=systems, c=0.0, K=1e-2)
     for angles in ((0.3, 0.2, 0.1), (1.0, -0.5, 0.4), (-0.2, 0.9, 2.0)):
         orientation = rotation_vector_matrix(np.array(angles))
         axis = orientation.T @ [0.0, 1.0, 0.0]
-        factors = abs(np.einsum("i,sij,j->s", axis, schmid_tensors(), axis))
+        factors = abs(np.einsum("i,sij,j->s", axis, schmid_tensors(systems), axis))
         onset = material.tau0 / factors.max()
         C = stiffness(material, orientation).reshape(9, 9)
         compliance = np.linalg.pinv(C)[4, 4]
@@ -92,14 +102,17 @@ def test_slip_begins_at_the_stress_of_the_largest_schmid_factor(measure: StrainM
         np.testing.assert_allclose(stress[3], onset, rtol=rounding + 1e-4)
 
 
-def test_the_lattice_of_a_crystal_in_single_slip_turns_by_the_law_of_schmid_and_boas() -> None:
+@pytest.mark.parametrize("systems", [BCC, FCC], ids=["bcc", "fcc"])
+def test_the_lattice_of_a_crystal_in_single_slip_turns_by_the_law_of_schmid_and_boas(
+    systems: SystemTable,
+) -> None:
     """Tension along a material line: sin λ = sin λ0 · l0/l, λ from the axis to the slip direction.
 
     Schmid and Boas, Kristallplastizität (1935), for a rigid lattice: hence the tolerance, of the
     size of the elastic strain.
     """
-    material = Material(strain_measure="finite", c=0.0)
-    directions, normals = slip_systems()
+    material = Material(strain_measure="finite", slip_systems=systems, c=0.0)
+    directions, normals = slip_systems(systems)
     factors = np.einsum("si,sj->sij", directions, normals)
     best, orientation = None, np.eye(3)
     for seed in range(60):

@@ -13,6 +13,7 @@ import pytest
 
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.calculix.adapter import CalculixAdapter
+from solver_adapters.crystal import FCC
 from solver_adapters.external import Profile, Status
 from solver_adapters.interface import Response, Simulation
 from solver_adapters.jobs.errors import JobError
@@ -59,6 +60,16 @@ def test_each_term_of_the_law_is_that_of_the_bundled_solver(
 ) -> None:
     """The point solution of CalculiX drops systems for good: hence not to the last digit."""
     found, expected = both(simulation(LOADING, 0.25, **changes), tmp_path)
+    assert found.cuts == 0
+    assert error(found, expected) < 1e-4
+    assert largest(found.displacement - expected.displacement) < 1e-5  # µm
+
+
+@needs_ccx
+def test_fcc_is_what_the_systems_of_calculix_are(tmp_path: Path) -> None:
+    """Copper: the octahedral systems are those of FCC without more ado."""
+    copper = {"C11": 168.4e3, "C12": 121.4e3, "C44": 75.4e3, "tau0": 20.0, "tau0_112": 1.0}
+    found, expected = both(simulation(LOADING, 0.25, slip_systems=FCC, **copper), tmp_path)
     assert found.cuts == 0
     assert error(found, expected) < 1e-4
     assert largest(found.displacement - expected.displacement) < 1e-5  # µm

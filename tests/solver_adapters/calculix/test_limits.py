@@ -9,6 +9,7 @@ import pytest
 from solver_adapters.calculix.adapter import CalculixAdapter
 from solver_adapters.calculix.limits import CAPABILITIES
 from solver_adapters.checks.capabilities import BASE
+from solver_adapters.crystal import FCC
 from solver_adapters.interaction import self_and_latent
 from solver_adapters.interface import Direction, Simulation, UnsupportedError
 from solver_adapters.material import MATERIAL_DECLARATIONS, MATERIAL_PARAMETERS
@@ -76,6 +77,12 @@ def test_an_interaction_matrix_is_judged_by_its_octahedral_block() -> None:
     matrix[0, 1] = 0.0
     message = refusal(simulation(Q=20.0, interaction=tuple(map(tuple, matrix))))
     assert "an interaction of its own" in message
+
+
+def test_systems_other_than_the_octahedral_ones_are_refused() -> None:
+    assert CalculixAdapter().files(simulation(slip_systems=FCC, tau0_112=1.0))
+    message = refusal(simulation(slip_systems=FCC[:11], tau0_112=1.0))
+    assert message.startswith("slip_systems of the case's own") and "bundled" in message
 
 
 def test_latent_hardening_without_hardening_is_no_matter() -> None:

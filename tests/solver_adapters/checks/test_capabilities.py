@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from solver_adapters.checks.capabilities import BASE, refuse_unsupported
+from solver_adapters.crystal import FCC
 from solver_adapters.interface import Capabilities, Direction, Simulation, UnsupportedError
 from solver_adapters.material import Material
 from tools.boxes import box, hex_box, pulled
@@ -95,7 +96,7 @@ def test_a_conditional_parameter_is_left_to_the_adapter_that_is_no_solver_to_nam
         refuse_unsupported(asked, "small one", SMALL, lambda: {"judging": judging})
 
 
-OFF = {"tau0_grains": (1.1,), "interaction": ((1.0,) * 24,) * 24}
+OFF = {"tau0_grains": (1.1,), "slip_systems": FCC, "interaction": ((1.0,) * 24,) * 24}
 
 
 @pytest.mark.parametrize("name", sorted({f.name for f in fields(Material)} - BASE))

@@ -9,6 +9,7 @@ import pytest
 
 from meshes.arrays import FloatArray
 from solver_adapters.checks.simulation import refuse_bad_simulation
+from solver_adapters.crystal import FCC
 from solver_adapters.interface import BadSimulationError, Simulation, Trajectory, UnsupportedError
 from solver_adapters.material import MATERIAL_PARAMETERS, Material, admissible_at
 from tests.solver_adapters.simulations import (
@@ -48,6 +49,18 @@ UNSUPPORTED: list[tuple[Simulation, str]] = [
     (of_material(skin_tau0=0.0), "skin_tau0 is 0; expected a positive number"),
     (of_material(skin_thickness=0.0), "skin_thickness is 0; expected a positive number"),
     (of_material(tau0_grains=(1.0, -1.0)), "tau0_grains holds -1; expected positive numbers"),
+    (
+        of_material(slip_systems=(((1, 1, 1), (1, 1, 0)),)),
+        "slip_systems has system 1 with a direction that does not lie in its plane; expected 1 to ",
+    ),
+    (
+        of_material(slip_systems=FCC, a1=0.1),
+        "a1 is 0.1; expected 0, for the slip systems are not those of BCC",
+    ),
+    (
+        of_material(slip_systems=FCC, interaction=((1.0,) * 24,) * 24),
+        "interaction has 24 rows of [24] numbers; expected 12 rows of 12",
+    ),
     (
         of_material(interaction=((1.0, 2.0),) * 3),
         "interaction has 3 rows of [2] numbers; expected 24 rows of 24",

@@ -12,7 +12,7 @@ import pytest
 from meshes.arrays import FloatArray
 from meshes.files import write_med
 from solver_adapters.code_aster.cells import mean_fields
-from solver_adapters.crystal import rotation_vector_matrix, schmid_tensors
+from solver_adapters.crystal import BCC, rotation_vector_matrix, schmid_tensors
 from solver_adapters.interface import Simulation
 from tools.code_aster_cases import small_case
 
@@ -77,7 +77,7 @@ def test_in_small_strain_the_lattice_turns_by_what_slip_leaves_of_the_spin(tmp_p
     spin = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
     R = case.orientations[0]
     case = replace(case, orientations=np.stack([R, R]))
-    gradient = spin + amount * R @ schmid_tensors()[system] @ R.T
+    gradient = spin + amount * R @ schmid_tensors(BCC)[system] @ R.T
     state = np.zeros((n, 5, 105))
     state[..., 6 + 3 * system + 1] = amount
     path = written(case, tmp_path / "cells.rmed", np.zeros((n, 5, 6)), state)

@@ -10,6 +10,7 @@ import pytest
 from solver_adapters.checks.capabilities import BASE
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
 from solver_adapters.code_aster.limits import CAPABILITIES
+from solver_adapters.crystal import FCC
 from solver_adapters.interaction import self_and_latent
 from solver_adapters.interface import Simulation, UnsupportedError
 from solver_adapters.material import MATERIAL_DECLARATIONS, MATERIAL_PARAMETERS, Material
@@ -50,6 +51,10 @@ def test_every_term_of_the_law_that_code_aster_lacks_is_refused_at_its_scale(nam
         (small_case(eigenstrain=1e-5), "eigenstrain = 1e-05: "),
         (small_case(skin_tau0=1.2), "skin_tau0 = 1.2: "),
         (small_case(tau0_grain1_bend_Y=0.1), "tau0_grain1_bend_Y = 0.1: "),
+        (
+            small_case(slip_systems=FCC),
+            "slip_systems = given: .*cannot honour it; expected those of BCC, .*can: bundled",
+        ),
         (small_case(tau0_antitwinning=1.1), "tau0_antitwinning = 1.1: "),
         (replace(small_case(), integration="exponential"), 'integration = "exponential": '),
         (replace(small_case(), lattice_gradient=np.ones((2, 3))), "lattice_gradient: "),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver_adapters.code_aster.rmed import ResultFile
-from solver_adapters.crystal import bunge_matrix, schmid_tensors
+from solver_adapters.crystal import BCC, bunge_matrix, schmid_tensors
 from solver_adapters.result_files import ResultFileError
 from tools.code_aster_cases import DATA, unpacked
 
@@ -53,7 +53,7 @@ def test_slips_are_the_second_of_three_variables_of_a_system(path: Path) -> None
     state = ResultFile(path).at_gauss_points("VARI_ELGA", INSTANTS)
     slip = state.pick(*(f"V{6 + 3 * system + 2}" for system in range(24)))
     R = bunge_matrix(281, 8, 47)
-    strain = np.einsum("tcgs,sij->tcgij", slip, R @ schmid_tensors() @ R.T)
+    strain = np.einsum("tcgs,sij->tcgij", slip, R @ schmid_tensors(BCC) @ R.T)
     strain = 0.5 * (strain + np.swapaxes(strain, -1, -2))
     rows, columns = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
     expected = strain[..., rows, columns] * ([1.0] * 3 + [np.sqrt(2)] * 3)

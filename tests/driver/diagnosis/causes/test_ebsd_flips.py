@@ -7,7 +7,7 @@ from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.ebsd_flips import FLIPS, disorientation, flips_of, half_turn
 from driver.experiment.orientations import orientations_of
 from meshes.arrays import FloatArray
-from solver_adapters.crystal import bunge_matrix, rotation_vector_matrix, schmid_tensors
+from solver_adapters.crystal import BCC, bunge_matrix, rotation_vector_matrix, schmid_tensors
 from tools import closed_form
 
 X, Y, Z = FLIPS
@@ -20,7 +20,7 @@ def grain(*degrees: float) -> FloatArray:
 
 def schmid_set(orientation: FloatArray) -> set[tuple[float, ...]]:
     """The Schmid tensors of a crystal in the specimen, whichever system each belongs to."""
-    turned = orientation @ schmid_tensors() @ orientation.T
+    turned = orientation @ schmid_tensors(BCC) @ orientation.T
     both = np.concatenate([turned, -turned]).reshape(-1, 9)
     return {tuple(row) for row in (np.round(both, 6) + 0.0).tolist()}
 

@@ -6,7 +6,9 @@ import pytest
 
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.statistics.score_test import effects_of
-from driver.diagnosis.statistics.screening import screen, screened
+from driver.diagnosis.statistics.screening import parameters_of_the_specimen, screen, screened
+from solver_adapters.crystal import FCC
+from solver_adapters.material import OF_BCC
 from tools import closed_form
 from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
@@ -29,3 +31,11 @@ def test_scores_of_small_effects_are_what_a_refit_finds() -> None:
     assert refit.log_evidence == pytest.approx(score.log_evidence, rel=0.05)
     scale = objective.parameters["tilt_drift"].scale
     assert refit.fit.values["tilt_drift"] / scale == pytest.approx(score.estimate[0], rel=0.05)
+
+
+def test_causes_that_only_bcc_has_are_not_examined_in_another_crystal() -> None:
+    bcc = BENCH.model
+    fcc = replace(bcc, material=replace(bcc.material, slip_systems=FCC))
+    candidates = [{cause.name for cause in screened(m, (), None)[0]} for m in (bcc, fcc)]
+    assert candidates[0] - candidates[1] == {"family_112", "twinning_asymmetry", "non_schmid"}
+    assert parameters_of_the_specimen(bcc) - parameters_of_the_specimen(fcc) == OF_BCC

@@ -11,7 +11,7 @@ from meshes.arrays import FloatArray
 from meshes.prism import CellKind, PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import trace
-from solver_adapters.crystal import bunge_matrix, slip_systems
+from solver_adapters.crystal import BCC, bunge_matrix, slip_systems
 
 SYSTEM, SPACING = 3, 0.5
 SLIP = 0.01
@@ -36,7 +36,7 @@ def steps(mesh: PrismMesh, face: Face, amount: FloatArray, resolution: float) ->
     slip = np.zeros((1, len(mesh.cells), 24))
     slip[0, :, SYSTEM] = amount
     rng = np.random.default_rng(0)
-    return slip_steps(mesh, face, slip, ORIENTATIONS, SPACING, resolution, rng)
+    return slip_steps(mesh, face, slip, ORIENTATIONS, BCC, SPACING, resolution, rng)
 
 
 def test_a_cell_of_the_face_belongs_to_the_cell_below_it(mesh: PrismMesh, face: Face) -> None:
@@ -49,7 +49,7 @@ def test_uniform_slip_on_planes_makes_sharp_steps_of_the_burgers_height(
     mesh: PrismMesh, face: Face
 ) -> None:
     """With its smooth part γ m_Z ξ the height is a staircase: flat, with jumps of γ m_Z h."""
-    directions, normals = slip_systems()
+    directions, normals = slip_systems(BCC)
     n, rise = ORIENTATIONS[0] @ normals[SYSTEM], (ORIENTATIONS[0] @ directions[SYSTEM])[2]
     y = np.linspace(0.2, 1.4, 4001)
     x = np.zeros_like(y)

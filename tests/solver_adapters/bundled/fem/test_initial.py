@@ -12,7 +12,7 @@ from solver_adapters.bundled.fem.initial import (
     surface_distance,
 )
 from solver_adapters.bundled.law.law import S_OVER, S_X, STRAIN_MODES
-from solver_adapters.crystal import bunge_matrix, slip_systems
+from solver_adapters.crystal import BCC, bunge_matrix, slip_systems
 from solver_adapters.material import StrainMeasure
 
 ROTATIONS = np.stack([bunge_matrix(281, 8, 47), bunge_matrix(211, 45, 150), np.eye(3)])
@@ -24,7 +24,7 @@ def test_an_eigenstrain_stands_in_the_specimen_frame_and_keeps_the_volume(
     measure: StrainMeasure,
 ) -> None:
     depth = np.array([0.3, -0.2, 0.0])
-    state = initial_state(measure, 0.0, 2e-3, ROTATIONS, depth)
+    state = initial_state(measure, BCC, 0.0, 2e-3, ROTATIONS, depth)
     for R, share, row in zip(ROTATIONS, depth, state, strict=True):
         if measure == "small":
             crystal = np.einsum("k,kij->ij", row[:5], STRAIN_MODES[:5])
@@ -36,8 +36,8 @@ def test_an_eigenstrain_stands_in_the_specimen_frame_and_keeps_the_volume(
 
 
 def test_prior_cold_work_is_in_proportion_to_the_schmid_factors_along_the_axis() -> None:
-    state = initial_state("small", 5e-5, 0.0, ROTATIONS, np.zeros(3))
-    m, n = slip_systems()
+    state = initial_state("small", BCC, 5e-5, 0.0, ROTATIONS, np.zeros(3))
+    m, n = slip_systems(BCC)
     for R, row in zip(ROTATIONS, state, strict=True):
         factors = ((m @ R.T)[:, 1]) * ((n @ R.T)[:, 1])
         np.testing.assert_allclose(row[S_X:S_OVER], 1e-4 * factors, rtol=1e-13, atol=1e-20)

@@ -23,7 +23,7 @@ from solver_adapters.bundled.law.law import (
     S_OVER,
 )
 from solver_adapters.bundled.law.point_kernels import SLIP_TOLERANCE
-from solver_adapters.crystal import bunge_matrix
+from solver_adapters.crystal import BCC, bunge_matrix
 from solver_adapters.interaction import bcc24_classes
 from solver_adapters.interface import Integration
 from solver_adapters.material import Material, StrainMeasure
@@ -104,7 +104,7 @@ def _solve(
     noise = np.random.default_rng(seed).normal(size=(N_POINTS, 3, 3))
     pull = 0.003 * (np.diag([-0.4, 1.0, -0.4]) + 0.2 * noise)
     identity = np.broadcast_to(np.eye(3), (N_POINTS, 3, 3))
-    end = initial_state(measure, 1e-5, 1e-4, identity @ ROTATIONS[GRAIN], np.ones(N_POINTS))
+    end = initial_state(measure, BCC, 1e-5, 1e-4, identity @ ROTATIONS[GRAIN], np.ones(N_POINTS))
     slips = np.zeros((N_POINTS, 24))
     for multiple in loading:
         H = (multiple * pull @ ROTATIONS[GRAIN]).reshape(N_POINTS, 9)

@@ -7,22 +7,21 @@ import pytest
 
 from solver_adapters.bundled.fem.fields import AT_REST
 from solver_adapters.bundled.law.law import (
-    CONJUGATE_MODES,
     P_ASYMMETRY,
     P_K,
     P_N,
     P_TAU110,
     P_TAU112,
-    SCHMID_MODES,
     SLIP_MODES,
-    TWINNING_SENSE,
     local_parameters,
     local_tangent,
     longer_step_tangent,
+    system_modes,
 )
-from solver_adapters.crystal import schmid_tensors, slip_systems
+from solver_adapters.crystal import BCC, schmid_tensors, slip_systems
 from solver_adapters.material import MATERIAL_PARAMETERS, Material
 
+MODES = system_modes(BCC)
 MATERIAL = Material(
     Q=12.0,
     tau0_112=1.1,
@@ -43,8 +42,8 @@ def test_the_modes_carry_every_schmid_tensor() -> None:
     np.testing.assert_allclose(
         np.einsum("ijk,ljk->il", SLIP_MODES, SLIP_MODES), np.eye(8), atol=1e-15
     )
-    rebuilt = np.einsum("ks,kij->sij", SCHMID_MODES, SLIP_MODES)
-    np.testing.assert_allclose(rebuilt, schmid_tensors(), atol=1e-15)
+    rebuilt = np.einsum("ks,kij->sij", MODES.schmid, SLIP_MODES)
+    np.testing.assert_allclose(rebuilt, schmid_tensors(BCC), atol=1e-15)
 
 
 def test_the_ratios_of_tau0_act_on_their_family_and_on_their_grain() -> None:
@@ -61,24 +60,24 @@ def test_the_ratio_of_the_senses_leaves_the_twinning_sense_as_it_is() -> None:
 
 def test_the_twinning_system_of_the_textbooks_shears_in_the_twinning_sense() -> None:
     """(112)[-1 -1 1], K1 and η1 of Christian & Mahajan, Prog. Mater. Sci. 39 (1995) 1."""
-    m, n = slip_systems()
+    m, n = slip_systems(BCC)
     plane, shear = np.array([1, 1, 2]) / np.sqrt(6), np.array([-1, -1, 1]) / np.sqrt(3)
     s = int(np.argmax(abs(n @ plane) + abs(m @ shear)))
     sense = np.sign((n[s] @ plane) * (m[s] @ shear))
-    assert TWINNING_SENSE[s] == sense
-    assert not TWINNING_SENSE[:12].any() and TWINNING_SENSE[12:].all()
+    assert MODES.sense[s] == sense
+    assert not MODES.sense[:12].any() and MODES.sense[12:].all()
 
 
 def test_the_conjugate_planes_are_those_of_the_literature() -> None:
     """(01-1)[111] has (-110), Gröger, Bailey & Vitek, Acta Mater. 56 (2008) 5401, table 1."""
-    m, n = slip_systems()
+    m, n = slip_systems(BCC)
     direction, normal = np.array([1, 1, 1]) / np.sqrt(3), np.array([0, 1, -1]) / np.sqrt(2)
     s = int(np.argmax(abs(n @ normal) + abs(m @ direction)))
     assert n[s] @ normal > 0.99 and m[s] @ direction > 0.99
     conjugate = np.array([-1, 1, 0]) / np.sqrt(2)
     tensor = np.outer(direction, conjugate - 0.5 * normal)
     modes = np.einsum("kij,ij->k", SLIP_MODES, tensor)
-    np.testing.assert_allclose(CONJUGATE_MODES[:, s], modes, atol=1e-15)
+    np.testing.assert_allclose(MODES.conjugate[:, s], modes, atol=1e-15)
 
 
 @pytest.mark.parametrize("name", LOCAL)

@@ -8,7 +8,6 @@ import pytest
 from solver_adapters.bundled.law import law_terms
 from solver_adapters.bundled.law import workspace_layout as rows
 from solver_adapters.bundled.law.law import (
-    CONJUGATE_MODES,
     FIRST_112,
     N_LOCAL,
     NS,
@@ -18,8 +17,9 @@ from solver_adapters.bundled.law.law import (
     P_D2,
     P_LATENT,
     P_Q,
-    SCHMID_MODES,
+    system_modes,
 )
+from solver_adapters.crystal import BCC
 from tests.solver_adapters.bundled.slip_workspace import (
     ACCUMULATED,
     COUPLED,
@@ -39,6 +39,8 @@ from tests.solver_adapters.bundled.slip_workspace import (
     second_left,
     workspace,
 )
+
+MODES = system_modes(BCC)
 
 
 @COUPLED
@@ -121,12 +123,12 @@ def test_non_schmid_stress_drives_110_as_its_tensors_do_and_leaves_112_alone() -
     schmid = rows.N_SLIP_ROWS
     conjugate, driving = schmid + 5 * NS, schmid + 10 * NS
     w[schmid:conjugate], w[conjugate:driving] = (
-        SCHMID_MODES[:5].ravel(),
-        CONJUGATE_MODES[:5].ravel(),
+        MODES.schmid[:5].ravel(),
+        MODES.conjugate[:5].ravel(),
     )
     stress = RNG.normal(size=5)
-    row(w, rows.TAU)[:] = stress @ SCHMID_MODES[:5]
-    row(w, rows.OTHER)[:] = stress @ CONJUGATE_MODES[:5]
+    row(w, rows.TAU)[:] = stress @ MODES.schmid[:5]
+    row(w, rows.OTHER)[:] = stress @ MODES.conjugate[:5]
     tau, other = row(w, rows.TAU).copy(), row(w, rows.OTHER).copy()
     law_terms.driving_modes(w, p, schmid, conjugate, driving, 5)
     law_terms.non_schmid(w, p)

@@ -27,10 +27,11 @@ from solver_adapters.bundled.law.law import (
     S_OVER,
     S_X,
     S_X2,
-    TWINNING_SENSE,
     local_parameters,
+    system_modes,
 )
 from solver_adapters.constants import interaction_matrix
+from solver_adapters.crystal import BCC
 from solver_adapters.interaction import bcc24_classes
 from solver_adapters.material import Material
 from tests.solver_adapters.bundled import reference_law as reference
@@ -67,7 +68,7 @@ class Point:
     def workspace(self, slips: FloatArray, solved: bool) -> FloatArray:
         """The workspace with slips S Δp to begin with."""
         w, s = np.zeros(rows.N_SLIP_ROWS), self.step
-        slip.prepare_slip(w, s.interaction, TWINNING_SENSE)
+        slip.prepare_slip(w, s.interaction, system_modes(BCC).sense)
         slip.load_point(w, s.state, s.constants, 1.0, DT, s.exponential, slips, solved)
         return w
 

@@ -7,7 +7,7 @@ import numpy as np
 from meshes.arrays import FloatArray
 from solver_adapters.bundled.law.gauss_points import Points, points_of_grains
 from solver_adapters.bundled.law.law import NS, S_OVER, S_X
-from solver_adapters.crystal import bunge_matrix, schmid_tensors
+from solver_adapters.crystal import BCC, bunge_matrix, schmid_tensors
 from solver_adapters.material import Material
 from tests.solver_adapters.bundled.elasticity import stiffness
 from tests.solver_adapters.bundled.rest import state_at_rest
@@ -44,7 +44,7 @@ def test_stress_is_the_stiffness_times_the_strain_less_that_of_all_slips() -> No
     gradients = np.multiply.outer(np.array(PATH), PULL)
     stresses, slips, _ = _history(_points(), gradients)
     assert np.count_nonzero(slips[2]) >= 5
-    systems = R @ schmid_tensors() @ R.T
+    systems = R @ schmid_tensors(BCC) @ R.T
     plastic = np.einsum("ts,sij->tij", np.cumsum(slips, axis=0), systems)
     elastic = gradients - plastic
     elastic = (elastic + elastic.transpose(0, 2, 1)) / 2
@@ -78,7 +78,7 @@ def test_long_flow_saturates_at_tau0_plus_c_over_d_plus_the_overstress_of_its_ra
     forward = (np.sign(slips[-40:]) == np.sign(slips[-1])).all(axis=0)
     steady = forward & (abs(slips[-40:].sum(axis=0)) > 20 / MATERIAL.d)
     assert np.count_nonzero(steady) >= 4
-    tau = np.einsum("sij,ij->s", schmid_tensors(), R.T @ stresses[-1] @ R)
+    tau = np.einsum("sij,ij->s", schmid_tensors(BCC), R.T @ stresses[-1] @ R)
     over = MATERIAL.K * (abs(slips[-1]) / dt) ** (1 / MATERIAL.n)
     expected = MATERIAL.tau0 + MATERIAL.c / MATERIAL.d + over
     np.testing.assert_allclose(abs(tau)[steady], expected[steady], rtol=1e-6)
