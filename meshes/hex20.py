@@ -1,4 +1,4 @@
-"""The twenty-node hexahedron in VTK order: shape functions, and a triangle swept into hexahedra."""
+"""The twenty-node hexahedron in VTK order: shape functions, and sections swept into hexahedra."""
 
 from __future__ import annotations
 
@@ -55,9 +55,16 @@ def shape_functions(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
     return values, np.concatenate([at_corners, changes[:, n:] / 4], axis=1)
 
 
-def swept(
-    divisions: int, layers: int
-) -> tuple[FloatArray, FloatArray, IntArray, dict[str, IntArray]]:
+Sweep = tuple[FloatArray, FloatArray, IntArray, dict[str, IntArray]]
+"""What a section swept into hexahedra is.
+
+Shares that each node has in the corners of the section, shape (n_nodes, 3 or 4); its place along
+the sweep in layers, shape (n_nodes,); cells, shape (n_cells, 20), layer by layer; and the faces
+S_MINUS, S_PLUS and TOP, between the first two corners, as quad8 (n, 8).
+"""
+
+
+def swept_triangle(divisions: int, layers: int) -> Sweep:
     """Return a triangle of three blocks of quadrilaterals, swept.
 
     A block lies at each corner of the triangle: from there to the middles of both sides and to
@@ -66,11 +73,6 @@ def swept(
     Args:
         divisions: cells along each side of a block.
         layers: cells along the sweep.
-
-    Returns:
-        barycentric coordinates of each node in the triangle, shape (n_nodes, 3); its place along
-        the sweep in layers, shape (n_nodes,); cells, shape (n_cells, 20), layer by layer; and the
-        faces S_MINUS, S_PLUS and, where the third coordinate is zero, TOP as quad8 (n, 8).
     """
     span = np.arange(divisions)
     k, block, j, i = (
@@ -87,14 +89,44 @@ def swept(
     )
     of_corner = (np.arange(3) - block[:, None, None]) % 3
     shares = np.take_along_axis(shares, of_corner, axis=2)
-    places = np.concatenate([layer[:, :, None], shares], axis=2).reshape(-1, 4)
+    return _joined(layer, shares, layers)
+
+
+def swept_quadrilateral(across: int, down: int, layers: int) -> Sweep:
+    """Return a quadrilateral in rows of quadrilaterals, bilinear, swept.
+
+    Args:
+        across: cells from the first corner to the second.
+        down: cells from the second corner to the third.
+        layers: cells along the sweep.
+    """
+    k, j, i = (
+        index.ravel()
+        for index in np.meshgrid(
+            np.arange(layers), np.arange(down), np.arange(across), indexing="ij"
+        )
+    )
+    u, v, layer = np.moveaxis(2 * np.stack([i, j, k], axis=-1)[:, None] + _NODES + 1, 2, 0)
+    a, b = 2 * across - u, 2 * down - v
+    return _joined(layer, np.stack([a * b, u * b, u * v, a * v], axis=2), layers)
+
+
+def _joined(layer: IntArray, shares: IntArray, layers: int) -> Sweep:
+    """Join nodes at the same place.
+
+    Args:
+        layer: place of each node of each cell along the sweep, in half layers, shape (m, 20).
+        shares: its shares in the corners, of any sum, shape (m, 20, n).
+        layers: cells along the sweep.
+    """
+    places = np.concatenate([layer[:, :, None], shares], axis=2).reshape(-1, 1 + shares.shape[2])
     grid, inverse = np.unique(places, axis=0, return_inverse=True)
     cells = inverse.reshape(-1, len(_NODES))
     sides = cells[:, FACES].reshape(-1, FACES.shape[1])
-    level, opposite = grid[sides][:, :, 0], grid[sides][:, :, 3]
+    level, below = grid[sides][:, :, 0], grid[sides][:, :, 3:]
     faces = {
         "S_PLUS": sides[(level == 2 * layers).all(axis=1)],
         "S_MINUS": sides[(level == 0).all(axis=1)],
-        "TOP": sides[(opposite == 0).all(axis=1)],
+        "TOP": sides[(below == 0).all(axis=(1, 2))],
     }
-    return grid[:, 1:] / (24 * divisions**2), grid[:, 0] / 2, cells, faces
+    return grid[:, 1:] / grid[0, 1:].sum(), grid[:, 0] / 2, cells, faces

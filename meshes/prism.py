@@ -1,4 +1,4 @@
-"""The two-grain triangular prism: its geometry and its conforming meshes.
+"""The prism of one or two grains, triangular or a bar: its geometry and its conforming meshes.
 
 Tetrahedra are made by gmsh, hexahedra by sweeping quadrilaterals of the section.
 """
@@ -6,7 +6,7 @@ Tetrahedra are made by gmsh, hexahedra by sweeping quadrilaterals of the section
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot, isfinite, sqrt
+from math import hypot, isfinite, prod, sqrt
 from types import ModuleType
 from typing import Any, Literal
 
@@ -15,8 +15,9 @@ import numpy as np
 from meshes.arrays import FloatArray, IntArray
 from meshes.cells import inverted_cells, outer_faces
 from meshes.gmsh_library import running_gmsh
-from meshes.hex20 import swept
+from meshes.hex20 import swept_quadrilateral, swept_triangle
 from meshes.prism_mesh import PrismMesh
+from meshes.section import Section
 from meshes.tet10 import node_groups
 
 Vector = tuple[float, float, float]
@@ -40,22 +41,25 @@ _GMSH_TO_VTK = np.array([0, 1, 2, 3, 4, 5, 6, 7, 9, 8])
 
 @dataclass(frozen=True)
 class PrismGeometry:
-    """A triangular prism along Y, cut into two grains by a plane.
+    """A triangular prism or a bar along Y, cut into two grains by a plane.
 
-    The measured face is −width/2 ≤ X ≤ width/2, 0 ≤ Y ≤ length, Z = 0; the apex line is
-    X = 0, Z = −depth; the end faces are S_MINUS at Y = 0 and S_PLUS at Y = length.
+    The measured face is −width/2 ≤ X ≤ width/2, 0 ≤ Y ≤ length, Z = 0; the apex line, or the far
+    side of a bar, lies at Z = −depth about X = 0; the end faces are S_MINUS at Y = 0 and S_PLUS at
+    Y = length.
 
     Attributes:
         length: length along Y [µm].
         width: width of the measured face [µm].
-        depth: distance of the apex line from the measured face [µm].
+        depth: distance of the apex line or far side from the measured face [µm].
         boundary_point: a point of the grain boundary [µm], or None for a single grain.
         boundary_normal: normal of the grain boundary, of any length, or None for a single
             grain; it points out of the first grain (index 0).
+        bottom: width of the far side [µm], 0 of a triangular prism.
 
     Raises:
-        ValueError: a dimension is not positive or more than MOST_SLENDER times another, the
-            boundary is only half given, or its normal is zero or not a finite one.
+        ValueError: a dimension is not positive or more than MOST_SLENDER times another, the far
+            side is not 0 or more, the boundary is only half given, or its normal is zero or not a
+            finite one.
     """
 
     length: float = 12.0
@@ -63,6 +67,7 @@ class PrismGeometry:
     depth: float = 2 * sqrt(3)
     boundary_point: Vector | None = None
     boundary_normal: Vector | None = None
+    bottom: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse what is not a prism."""
@@ -70,6 +75,8 @@ class PrismGeometry:
             value = getattr(self, name)
             if not (isfinite(value) and value > 0):
                 raise ValueError(f"prism {name} is {value} µm; it must be positive")
+        if not (isfinite(self.bottom) and self.bottom >= 0):
+            raise ValueError(f"prism bottom is {self.bottom} µm; it must be 0 or more")
         least, most = min(SIDES, key=self.__getattribute__), max(SIDES, key=self.__getattribute__)
         if getattr(self, most) > MOST_SLENDER * getattr(self, least):
             raise ValueError(
@@ -86,10 +93,10 @@ class PrismGeometry:
                     f"{self.boundary_normal}: finite numbers and a non-zero normal are expected"
                 )
 
-    def section(self) -> FloatArray:
-        """Corners (X, Z) of the section [µm]: both sides of the face, then the apex, (3, 2)."""
-        half = self.width / 2
-        return np.array([[-half, 0.0], [half, 0.0], [0.0, -self.depth]])
+    @property
+    def section(self) -> Section:
+        """The section."""
+        return Section(self.width, self.depth, self.bottom)
 
     def boundary_distance(self, points: FloatArray) -> FloatArray:
         """Signed distance from the grain boundary [µm], negative in the first grain.
@@ -116,10 +123,8 @@ class PrismGeometry:
         """Whether the grain boundary, if there is one, meets no end face."""
         if self.boundary_point is None:
             return True
-        half = self.width / 2
-        corners = np.array([[-half, 0.0, 0.0], [half, 0.0, 0.0], [0.0, 0.0, -self.depth]])
         try:
-            self.boundary_height(corners)
+            self.boundary_height(_corners(self))
         except ValueError:
             return False
         return True
@@ -196,7 +201,12 @@ def generate(
 
 def expected_cells(geometry: PrismGeometry, size: float, kind: CellKind) -> float:
     """Return about how many cells of a size [µm] a prism holds, by its volume."""
-    volume = geometry.length * geometry.width * geometry.depth / 2
+    section = geometry.section
+    if kind == "hex20" and section.bottom:
+        return (
+            prod(section.quadrilaterals(section.divisions(size))) * geometry.length / LAYER / size
+        )
+    volume = geometry.length * section.area
     return _CELLS_IN_A_CUBE[kind] * volume / size**3
 
 
@@ -215,24 +225,14 @@ def refuse_too_many(geometry: PrismGeometry, size: float, kind: CellKind) -> Non
         )
 
 
-def longest_side(width: float, depth: float) -> float:
-    """Return the length of the longest side of a section [µm]."""
-    return max(width, float(np.hypot(width / 2, depth)))
-
-
-def section_divisions(width: float, depth: float, size: float) -> int:
-    """Return how many hexahedra of a size lie along half of the longest side of a section [µm]."""
-    return max(1, round(longest_side(width, depth) / 2 / size))
-
-
 def _layers(geometry: PrismGeometry, size: float, layers: tuple[int, int] | None) -> PrismMesh:
     """Hexahedra: the section in quadrilaterals, swept in layers of equal share of each grain."""
-    section, length = geometry.section(), geometry.length
-    divisions = section_divisions(geometry.width, geometry.depth, size)
+    section, length = geometry.section, geometry.length
+    corners, divisions = section.corners, section.divisions(size)
     if geometry.boundary_point is None:
         parts = [length]
     else:
-        middle = np.array([[section[:, 0].mean(), 0.0, section[:, 1].mean()]])
+        middle = np.array([[corners[:, 0].mean(), 0.0, corners[:, 1].mean()]])
         geometry.boundary_height(_corners(geometry))
         share = float(geometry.boundary_height(middle)[0])
         parts = [share, length - share]
@@ -241,9 +241,13 @@ def _layers(geometry: PrismGeometry, size: float, layers: tuple[int, int] | None
     if below < 1 or (above < 1 if len(parts) == 2 else above != 0):
         expected = "2 grains; (1, 1) or more" if len(parts) == 2 else "one grain; (1 or more, 0)"
         raise ValueError(f"layers are {layers} in a prism of {expected} are expected")
-    shares, layer, cells, faces = swept(divisions, below + above)
+    if section.bottom:
+        swept = swept_quadrilateral(*section.quadrilaterals(divisions), below + above)
+    else:
+        swept = swept_triangle(divisions, below + above)
+    shares, layer, cells, faces = swept
     points = np.zeros((len(shares), 3))
-    points[:, [0, 2]] = shares @ section
+    points[:, [0, 2]] = shares @ corners
     height = geometry.boundary_height(points) if above else np.full(len(points), length)
     points[:, 1] = np.where(
         layer <= below,
@@ -256,9 +260,9 @@ def _layers(geometry: PrismGeometry, size: float, layers: tuple[int, int] | None
 
 
 def _corners(geometry: PrismGeometry) -> FloatArray:
-    """Return the six corners of the prism [µm], those at Y = 0 first, shape (6, 3)."""
-    x, z = geometry.section().T
-    ends = [np.column_stack([x, np.full(3, y), z]) for y in (0.0, geometry.length)]
+    """Return the corners of the prism [µm], those at Y = 0 first, shape (6 or 8, 3)."""
+    x, z = geometry.section.corners.T
+    ends = [np.column_stack([x, np.full(x.size, y), z]) for y in (0.0, geometry.length)]
     return np.concatenate(ends)
 
 
@@ -298,8 +302,9 @@ def _tet10_by_gmsh(geometry: PrismGeometry, size: float) -> tuple[FloatArray, In
 
 def _build(gmsh: ModuleType, geometry: PrismGeometry) -> None:
     occ = gmsh.model.occ
-    triangle = _polygon(occ, _corners(geometry)[:3])
-    extruded = occ.extrude([(2, triangle)], 0, geometry.length, 0)
+    corners = _corners(geometry)
+    section = _polygon(occ, corners[: len(corners) // 2])
+    extruded = occ.extrude([(2, section)], 0, geometry.length, 0)
     prism = [entity for entity in extruded if entity[0] == 3]
     if geometry.boundary_point is not None:
         cut = _polygon(occ, _boundary_square(geometry))

@@ -41,7 +41,7 @@ def boundary_shift(mesh: PrismMesh, geometry: PrismGeometry) -> FloatArray:
 def boundary_tilt(mesh: PrismMesh, geometry: PrismGeometry, axis: Literal["x", "z"]) -> FloatArray:
     """Velocity that tilts the grain boundary about a point of the section's centre line.
 
-    The boundary moves along Y by X (axis "x") or by Z + depth/3 (axis "z") per unit of slope:
+    The boundary moves along Y by X (axis "x") or by Z above that line (axis "z") per unit of slope:
     it changes −n_x/n_y or −n_z/n_y of the normal n by one.
 
     Args:
@@ -56,7 +56,9 @@ def boundary_tilt(mesh: PrismMesh, geometry: PrismGeometry, axis: Literal["x", "
         ValueError: the grain boundary meets an end face, or there is none.
     """
     x, _, z = mesh.points.T
-    return _boundary_motion(mesh, geometry, x if axis == "x" else z + geometry.depth / 3)
+    return _boundary_motion(
+        mesh, geometry, x if axis == "x" else z + geometry.section.centroid_depth
+    )
 
 
 def boundary_bow(mesh: PrismMesh, geometry: PrismGeometry) -> FloatArray:
@@ -93,7 +95,7 @@ def depth_scale(mesh: PrismMesh, geometry: PrismGeometry) -> FloatArray:
 
 
 def apex_shift(mesh: PrismMesh, geometry: PrismGeometry) -> FloatArray:
-    """Velocity that moves the apex line along +X while the measured face stays.
+    """Velocity that moves the apex line, or far side, along +X while the measured face stays.
 
     Args:
         mesh: the prism.

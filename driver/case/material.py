@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import isfinite
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -206,6 +206,8 @@ class MaterialTable(Table):
         if not back_strain.holds(self.x0):
             raise refusal(f"a number smaller in size than 1/d = {back_strain.upper:g}", "x0")
         return self
+
+    added: ClassVar[frozenset[str]] = frozenset({"slip_systems"})
 
     def _refuse_what_other_crystals_lack(self) -> None:
         table = self._system_table()

@@ -8,7 +8,8 @@ parameters, so that the working mesh need not be fine. Tetrahedra of 4 µm of wi
 
 from __future__ import annotations
 
-from meshes.prism import CellKind, longest_side, section_divisions
+from meshes.prism import CellKind
+from meshes.section import Section
 
 LARGEST_RATIO = 0.7
 """Of the finer size of hexahedra to the working one, up to which both tell of the error."""
@@ -19,41 +20,39 @@ _TWO_THIRDS = 2 / 3
 Sizes = tuple[float, float]
 
 
-def sizes_at(width: float, depth: float, kind: CellKind, level: int) -> Sizes:
+def sizes_at(section: Section, kind: CellKind, level: int) -> Sizes:
     """Return the sizes of the working and of the finer mesh after refinements [µm].
 
     Args:
-        width: of the section [µm].
-        depth: of the section [µm].
+        section: of the specimen.
         kind: of the cells.
         level: how often they were refined.
     """
     if kind == "hex20":
-        sizes = _of_divisions(width, depth, _HEXAHEDRA)
+        sizes = _of_divisions(section, _HEXAHEDRA)
     else:
-        sizes = _rounded(*(share * width for share in _TETRAHEDRA))
+        sizes = _rounded(*(share * section.width for share in _TETRAHEDRA))
     for _ in range(level):
-        sizes = refined_sizes(width, depth, kind, sizes)
+        sizes = refined_sizes(section, kind, sizes)
     return sizes
 
 
-def refined_sizes(width: float, depth: float, kind: CellKind, sizes: Sizes) -> Sizes:
+def refined_sizes(section: Section, kind: CellKind, sizes: Sizes) -> Sizes:
     """Return the next smaller sizes of the meshes [µm]; of hexahedra the finer one goes first.
 
     Args:
-        width: of the section [µm].
-        depth: of the section [µm].
+        section: of the specimen.
         kind: of the cells.
         sizes: of the working and of the finer mesh [µm].
     """
     if kind == "tet10":
         return _rounded(*(_TWO_THIRDS * size for size in sizes))
-    working, finer = (section_divisions(width, depth, size) for size in sizes)
-    return _of_divisions(width, depth, (max(working, finer // 2), finer + 1))
+    working, finer = (section.divisions(size) for size in sizes)
+    return _of_divisions(section, (max(working, finer // 2), finer + 1))
 
 
-def _of_divisions(width: float, depth: float, divisions: tuple[int, int]) -> Sizes:
-    return _rounded(*(longest_side(width, depth) / 2 / number for number in divisions))
+def _of_divisions(section: Section, divisions: tuple[int, int]) -> Sizes:
+    return _rounded(*(section.longest_side / 2 / number for number in divisions))
 
 
 def _rounded(working: float, finer: float) -> Sizes:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, PrivateAttr, model_validator
 
 from driver.case.mesh_sizes import LARGEST_RATIO, sizes_at
 from driver.case.messages import refusal
 from driver.case.values import Positive, Table, Vector
-from meshes.prism import CellKind, section_divisions
+from meshes.prism import CellKind
+from meshes.section import Section
 
 AUTO: Literal["auto"] = "auto"
 """What stands in place of sizes that are chosen, and refined, without the user."""
@@ -19,12 +20,22 @@ SIZES = ("mesh_size_um", "fine_mesh_size_um")
 
 
 class Specimen(Table):
-    """Geometry of the prism and of its grain boundary [µm], and the sizes of the two meshes."""
+    """Geometry of the specimen and of its grain boundary [µm], and the sizes of the two meshes."""
 
+    shape: Literal["prism", "bar"] = Field(
+        default="prism",
+        description='"prism", triangular, or "bar", whose section is a rectangle or a trapezoid',
+    )
     length_um: Positive = Field(default=12.0, description="length along Y")
     width_um: Positive = Field(default=4.0, description="width of the measured face along X")
     depth_um: Positive | None = Field(
-        default=None, description="depth along −Z, default width·√3/2"
+        default=None,
+        description="depth along −Z, default width·√3/2 of a prism, the width of a bar",
+    )
+    bottom_width_um: Positive | None = Field(
+        default=None,
+        description="width of the side of a bar that is opposite to the measured face, default "
+        "that of the face",
     )
     cells: CellKind | None = Field(
         default=None,
@@ -48,6 +59,8 @@ class Specimen(Table):
         description="a list of three numbers, the normal that points into the second grain",
     )
 
+    added: ClassVar[frozenset[str]] = frozenset({"shape", "bottom_width_um"})
+
     _refined: int | None = PrivateAttr(default=None)
 
     @property
@@ -67,7 +80,7 @@ class Specimen(Table):
             kind: of the cells.
             level: how often both meshes were refined.
         """
-        sizes = sizes_at(self.width, self.depth, kind, level)
+        sizes = sizes_at(self.section, kind, level)
         chosen = self.model_copy(update={"cells": kind, **dict(zip(SIZES, sizes, strict=True))})
         chosen._refined = level
         return chosen
@@ -102,13 +115,27 @@ class Specimen(Table):
 
     @property
     def depth(self) -> float:
-        """Depth of the apex below the measured face [µm]."""
-        return self.depth_um if self.depth_um is not None else self.width_um * 3**0.5 / 2
+        """Depth of the apex or far side below the measured face [µm]."""
+        if self.depth_um is not None:
+            return self.depth_um
+        return self.width_um if self.shape == "bar" else self.width_um * 3**0.5 / 2
+
+    @property
+    def bottom(self) -> float:
+        """Width of the far side [µm], 0 of a prism."""
+        if self.shape == "prism":
+            return 0.0
+        return self.width_um if self.bottom_width_um is None else self.bottom_width_um
+
+    @property
+    def section(self) -> Section:
+        """The section."""
+        return Section(self.width, self.depth, self.bottom)
 
     @property
     def area(self) -> float:
-        """Area of the triangular section [µm²]."""
-        return self.width * self.depth / 2
+        """Area of the section [µm²]."""
+        return self.section.area
 
     @model_validator(mode="before")
     @classmethod
@@ -119,6 +146,8 @@ class Specimen(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
+        if self.shape == "prism" and self.bottom_width_um is not None:
+            raise refusal('nothing, or shape = "bar"', "bottom_width_um")
         automatic = [key for key in SIZES if getattr(self, key) == AUTO]
         if len(automatic) == 1:
             other = next(key for key in SIZES if key not in automatic)
@@ -139,8 +168,8 @@ class Specimen(Table):
             raise refusal(f"a number < mesh_size_um = {size:g}", "fine_mesh_size_um")
         if self.cells != "hex20":
             return
-        divisions = section_divisions(self.width, self.depth, size)
-        if section_divisions(self.width, self.depth, fine) <= divisions:
+        divisions = self.section.divisions(size)
+        if self.section.divisions(fine) <= divisions:
             raise refusal(
                 f"a size with more than {divisions} cells along half of the longest side of the "
                 "section, as hexahedra",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import sqrt
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +30,7 @@ from meshes.arrays import FloatArray
 from meshes.cells import NAMES
 from meshes.plane_files import read_plane_mesh
 from meshes.plane_mesh import PlaneMesh
-from meshes.prism import PrismGeometry, generate, longest_side, refuse_too_many, section_divisions
+from meshes.prism import PrismGeometry, generate, refuse_too_many
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import trace
 from solver_adapters.external import ExternalAdapter
@@ -51,7 +50,9 @@ _SAME = 0.02  # element sizes between two nodes that are as good as the same
 def geometry_of(case: Case) -> PrismGeometry:
     """Return the prism and its grain boundary."""
     s = case.specimen
-    return PrismGeometry(s.length, s.width, s.depth, s.boundary_point_um, s.boundary_normal)
+    return PrismGeometry(
+        s.length, s.width, s.depth, s.boundary_point_um, s.boundary_normal, s.bottom
+    )
 
 
 def mesh_of(case: Case, size: float) -> PrismMesh:
@@ -401,8 +402,8 @@ def build_finer_model(
     def on(some: PrismMesh) -> ForwardModel:
         return build_model(case, some, history, pixels, adapter, steps, workspace)
 
-    # A section of three blocks of m · m cells (`meshes.hex20.swept`).
-    size = size_between(case, round(sqrt(len(mesh.faces["S_MINUS"]) / 3)))
+    divisions = case.specimen.section.divisions_of(len(mesh.faces["S_MINUS"]))
+    size = size_between(case, divisions)
     return on(mesh) if size is None else extrapolated_with(on(mesh), on(mesh_of(case, size)))
 
 
@@ -416,7 +417,7 @@ def size_between(case: Case, divisions: int) -> float | None:
         divisions: cells of the finer mesh along half of the longest side of the section.
     """
     specimen = case.specimen
-    working = section_divisions(specimen.width, specimen.depth, specimen.mesh_size)
+    working = specimen.section.divisions(specimen.mesh_size)
     return next_coarser(case, divisions) if _NEXT_COARSER * divisions >= working + 1 else None
 
 
@@ -432,7 +433,7 @@ def next_coarser(case: Case, divisions: int) -> float | None:
     specimen, coarser = case.specimen, int(_NEXT_COARSER * divisions)
     if specimen.cell_kind != "hex20" or not coarser:
         return None
-    return longest_side(specimen.width, specimen.depth) / 2 / coarser
+    return specimen.section.longest_side / 2 / coarser
 
 
 def _boundary_motion(case: Case, mesh: PrismMesh, weights: FloatArray) -> BoundaryMotion:

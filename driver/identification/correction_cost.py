@@ -8,7 +8,6 @@ from driver.case.model import Case
 from driver.forward.build import size_between, wanted_integration
 from driver.forward.cost import steps_seconds
 from driver.identification.step_error import FIRST_ORDER
-from meshes.prism import section_divisions
 from solver_adapters.interface import Capabilities
 
 
@@ -30,8 +29,7 @@ def correction_seconds(
         size: of the cells [µm].
         runs: directions of each.
     """
-    specimen, intervals = case.specimen, 2 * n_images
-    divisions = section_divisions(specimen.width, specimen.depth, size)
+    intervals, divisions = 2 * n_images, case.specimen.section.divisions(size)
     steps = intervals * finer_steps(case, solver)
     seconds = sum(
         steps_seconds(case, solver, cells_of_size(case, n_cells, one), steps, n)

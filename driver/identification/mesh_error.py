@@ -8,10 +8,8 @@ sizes.
 
 from __future__ import annotations
 
-import numpy as np
-
-from meshes.prism import section_divisions
 from meshes.prism_mesh import PrismMesh
+from meshes.section import Section
 
 _HEXAHEDRON = 20  # nodes
 _LEFT = 3.6
@@ -27,8 +25,8 @@ def share_left(mesh: PrismMesh, sizes: tuple[float, float]) -> float:
         sizes: of the cells of the working and of the finer mesh [µm].
     """
     if mesh.cells.shape[1] == _HEXAHEDRON:
-        width, _, depth = np.ptp(mesh.points, axis=0)
-        working, finer = (section_divisions(float(width), float(depth), size) for size in sizes)
+        section = Section.of(mesh.points)
+        working, finer = (section.divisions(size) for size in sizes)
         return min(_LEFT * working / finer**3, 1.0)
     # The first power of the size, measured on meshes of 262, 574 and 1414 tetrahedra.
     return sizes[1] / (sizes[0] - sizes[1])

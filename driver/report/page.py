@@ -203,7 +203,7 @@ def facts(findings: Findings) -> list[tuple[str, str]]:
     fate = "is unlike its" if len(left) == 1 else "are unlike their"
     but = f"; {joined(left)} {fate} neighbours and not fitted but for the load" if left else ""
     return [
-        ("prism", f"{s.length:g} × {s.width:g} × {s.depth:.3g} µm (Y, X, Z), "
+        (case.specimen.shape, f"{s.length:g} × {s.width:g} × {s.depth:.3g} µm (Y, X, Z), "
                   f"section {number(case.section)} µm²"),
         ("grains (Bunge angles)", grains),
         ("mesh", f"{len(findings.mesh.cells)} quadratic "

@@ -18,7 +18,6 @@ from driver.forward.surface_projection import apply
 from driver.parameters.boundary import AMPLITUDE_DECLARATIONS, elongation_names, tilt_names
 from driver.virtual.settings import Program
 from meshes.arrays import FloatArray
-from meshes.prism import section_divisions
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import SurfaceMesh, trace
 from solver_adapters.crystal import SystemTable
@@ -140,9 +139,7 @@ def pull(
 def coarser_size(truth: Case) -> float | None:
     """Size of the larger hexahedra with which a truth is extrapolated [µm], None for others."""
     specimen = truth.specimen
-    return next_coarser(
-        truth, section_divisions(specimen.width, specimen.depth, specimen.mesh_size)
-    )
+    return next_coarser(truth, specimen.section.divisions(specimen.mesh_size))
 
 
 def true_model(

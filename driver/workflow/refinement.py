@@ -68,7 +68,7 @@ def finer_simulation(case: Case, needed: Refinement, seconds: float) -> Finer:
     if needed != "steps":
         specimen = case.specimen
         sizes = refined_sizes(
-            specimen.width, specimen.depth, specimen.cell_kind,
+            specimen.section, specimen.cell_kind,
             (specimen.mesh_size, specimen.fine_mesh_size),
         )  # fmt: skip
         keys |= {f"specimen.{key}": size for key, size in zip(SIZES, sizes, strict=True)}

@@ -14,6 +14,7 @@ import numpy as np
 
 from meshes.arrays import AnyArray, FloatArray, IntArray
 from meshes.cells import outer_triangles
+from meshes.section import Section
 from solver_adapters.bundled.fem.element import (
     Element,
     gauss_positions,
@@ -141,7 +142,8 @@ def _rest(
     depth: AnyArray = np.zeros(len(rotation))
     skin: AnyArray = np.ones(len(rotation))
     if eigenstrain != 0.0:
-        depth = depth_share(points.position[:, 2], points.volume)
+        square = Section.of(mesh.points).depth_square_over_variance
+        depth = depth_share(points.position[:, 2], points.volume, square)
     if ratio != 1.0:
         faces = outer_triangles(mesh.cells)
         held = np.zeros(len(faces), dtype=np.bool_)

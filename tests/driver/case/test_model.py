@@ -44,7 +44,7 @@ def refused(tmp_path: Path, *changes: tuple[str, str]) -> list[str]:
         ("pixel_size_nm = 110.0", "pixel_size_nm = -3", "images.pixel_size_nm", "-3", "> 0"),
         ("width_um = 4.0", 'width_um = "4"', "specimen.width_um", '"4"', "a number"),
         ("length_um = 12.0", "lenght_um = 12.0", "specimen.lenght_um", "an unknown key",
-         "one of length_um, width_um"),
+         "one of shape, length_um, width_um"),
         ('frames = "images.tif"', "", "images.frames", "nothing", "a text in quotes"),
         ('flats = "flats.tif"', 'flats = ""', "images.flats", '""', "images of a flat reference"),
         ("euler_deg = [30.0, 0.0, 0.0]", "euler_deg = [30.0, 0.0]", "grains.2.euler_deg",

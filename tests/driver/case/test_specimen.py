@@ -15,6 +15,16 @@ def test_a_prism_whose_depth_is_not_given_has_an_equilateral_section() -> None:
     assert (deeper.depth, deeper.area) == (5.0, 10.0)
 
 
+def test_a_bar_is_a_rectangle_or_a_trapezoid() -> None:
+    square = Specimen(shape="bar", width_um=3.0)
+    assert (square.depth, square.bottom, square.area) == (3.0, 3.0, 9.0)
+    tapered = Specimen(shape="bar", width_um=3.0, depth_um=2.0, bottom_width_um=2.5)
+    assert tapered.area == pytest.approx(5.5)
+    assert Specimen(width_um=3.0).bottom == 0.0
+    refusal = refused(Specimen, bottom_width_um=2.5)
+    assert refusal == ("bottom_width_um", 'nothing, or shape = "bar"')
+
+
 def test_the_finer_mesh_is_finer() -> None:
     place, expected = refused(Specimen, mesh_size_um=1.0, fine_mesh_size_um=1.0)
     assert (place, expected) == ("fine_mesh_size_um", "a number < mesh_size_um = 1")
