@@ -130,17 +130,6 @@ class Correction:
             return self
         return replace(self, derivatives=mine.completed_by(known))
 
-    def with_derivatives_of(self, other: Correction, values: Mapping[str, float]) -> Correction:
-        """Return this correction with derivatives, those of another one where it has none.
-
-        Args:
-            other: taken nearby.
-            values: every parameter where this one was taken.
-        """
-        if self.derivatives is not None or other.derivatives is None:
-            return self.completed_by(other)
-        return replace(self, derivatives=replace(other.derivatives, values=dict(values)))
-
     @property
     def of_mesh(self) -> tuple[FloatArray, FloatArray]:
         """Motion [µm], (T, n_pix, 3), and load [µN], (T,), as far as they are of the mesh."""

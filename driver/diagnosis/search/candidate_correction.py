@@ -157,12 +157,15 @@ def _tell(before: Refit, after: Refit, failed: Failure | None) -> None:
 def _corrected(task: _Task) -> _End | Failure:
     """Return a refit under the correction where it stands, or why there is none."""
     refit, at = task.refit, task.refit.fit
-    known = refit.objective.correction
-    # Derivatives are half of the cost; those at the baseline serve where there are such.
-    free = at.best.free if known.derivatives is None else ()
+    # With derivatives of its own: with those at the baseline a contrast of 1.15 moved by 1 σ.
     change = attempt(
         lambda: correction(
-            refit.objective.model, task.finer, at.best.prediction, at.values, free=free, near=known
+            refit.objective.model,
+            task.finer,
+            at.best.prediction,
+            at.values,
+            free=at.best.free,
+            near=refit.objective.correction,
         )
     )
     if isinstance(change, Failure):
@@ -181,7 +184,7 @@ def _at_its_end(refit: Refit, end: _End, baseline: Evaluation) -> Refit:
 
 def _with_derivatives(change: Correction, refit: Refit) -> Correction:
     """Return the correction at a refit with the derivatives that it lacks."""
-    return change.with_derivatives_of(refit.objective.correction, refit.fit.values)
+    return change.completed_by(refit.objective.correction)
 
 
 def _under(change: Correction, refit: Refit) -> Objective:
