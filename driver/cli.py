@@ -21,6 +21,7 @@ from driver.case.model import (
     schema_text,
     write_case,
 )
+from driver.case.specimen import Shape
 from driver.common.atomic_write import write_whole
 from driver.common.errors import sentence
 from driver.common.formatting import byte_size
@@ -126,6 +127,7 @@ def init(
     crystal: Annotated[
         Crystal, typer.Option(help="slip systems and constants: a BCC steel, or copper")
     ] = "bcc",
+    shape: Annotated[Shape, typer.Option(help="triangular prism, or bar")] = "prism",
 ) -> None:
     """Write a commented case.toml, and its schema for editors, into DIR."""
     with told_in_one_line():
@@ -136,7 +138,7 @@ def init(
             if file.exists() or file.is_symlink():
                 raise CaseError(sentence(file, "file", "a file", "none: it is not overwritten"))
         folder.mkdir(parents=True, exist_ok=True)
-        write_case(default_case(crystal), path)
+        write_case(default_case(crystal, shape), path)
         write_whole(schema, schema_text())
         tell(f"{path} written: fill it in, then `prismid check {quote(str(path))}`")
 

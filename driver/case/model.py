@@ -18,7 +18,7 @@ from driver.case.loading import Boundary, Loads, Sections
 from driver.case.material import COPPER, Crystal, MaterialTable
 from driver.case.messages import refusal, sentences
 from driver.case.solver import Execution, Solver
-from driver.case.specimen import Specimen
+from driver.case.specimen import Shape, Specimen
 from driver.case.toml import read_toml
 from driver.case.values import Number, Table
 from driver.common.errors import InputError, one_of
@@ -251,11 +251,12 @@ def write_case(case: Case, path: Path) -> None:
     path.write_text(case_text(case), encoding="utf-8")
 
 
-def default_case(crystal: Crystal = "bcc") -> Case:
+def default_case(crystal: Crystal = "bcc", shape: Shape = "prism") -> Case:
     """Return the case that `prismid init` writes: two grains, and the rest at its default.
 
     Args:
         crystal: whose slip systems and constants it has, those of a BCC steel or of copper.
+        shape: of the specimen.
 
     Raises:
         InputError: an installed term of the user's own cannot be used.
@@ -263,6 +264,7 @@ def default_case(crystal: Crystal = "bcc") -> Case:
     declared_parameters(1)  # a validator would wrap what is said of a bad term
     return Case(
         specimen=Specimen(
+            shape=shape,
             boundary_point_um=(0.0, 6.0, 0.0),
             boundary_normal=(0.0, 1.0, 0.0),
         ),

@@ -15,6 +15,8 @@ from meshes.section import Section
 
 AUTO: Literal["auto"] = "auto"
 """What stands in place of sizes that are chosen, and refined, without the user."""
+Shape = Literal["prism", "bar"]
+"""Of the section: a triangle, or a rectangle or trapezoid."""
 SIZES = ("mesh_size_um", "fine_mesh_size_um")
 """Keys of the sizes of the working and of the finer mesh."""
 
@@ -22,7 +24,7 @@ SIZES = ("mesh_size_um", "fine_mesh_size_um")
 class Specimen(Table):
     """Geometry of the specimen and of its grain boundary [µm], and the sizes of the two meshes."""
 
-    shape: Literal["prism", "bar"] = Field(
+    shape: Shape = Field(
         default="prism",
         description='"prism", triangular, or "bar", whose section is a rectangle or a trapezoid',
     )

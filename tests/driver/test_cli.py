@@ -375,12 +375,13 @@ def test_the_version_is_that_of_the_distribution(monkeypatch: pytest.MonkeyPatch
     assert invoke("--version").stdout == "prismid 3.2.1\n"
 
 
-def test_init_writes_a_case_of_the_crystal_that_is_asked_for(tmp_path: Path) -> None:
+def test_init_writes_a_case_of_the_crystal_and_shape_that_are_asked_for(tmp_path: Path) -> None:
     """Young's moduli of copper along ⟨100⟩ and ⟨111⟩: 67 and 191 GPa (Simmons and Wang, 1971)."""
-    found = CliRunner().invoke(app, ["init", str(tmp_path), "--crystal", "fcc"])
+    found = CliRunner().invoke(app, ["init", str(tmp_path), "--crystal", "fcc", "--shape", "bar"])
     assert found.exit_code == 0
     material = load_case(tmp_path / "case.toml").material.to_material()
     assert material.slip_systems == FCC
+    assert load_case(tmp_path / "case.toml").specimen.area == 16.0
     stiffness = material.C11, material.C12, material.C44
     along = [np.array([1.0, 0.0, 0.0]), np.ones(3) / np.sqrt(3)]
     moduli = [youngs_modulus(direction, *stiffness) for direction in along]
