@@ -68,7 +68,13 @@ def test_each_term_of_the_law_is_that_of_the_bundled_solver(
 @needs_ccx
 def test_fcc_is_what_the_systems_of_calculix_are(tmp_path: Path) -> None:
     """Copper: the octahedral systems are those of FCC without more ado."""
-    copper = {"C11": 168.4e3, "C12": 121.4e3, "C44": 75.4e3, "tau0": 20.0, "tau0_112": 1.0}
+    copper: dict[str, Any] = {
+        "C11": 168.4e3,
+        "C12": 121.4e3,
+        "C44": 75.4e3,
+        "tau0": 20.0,
+        "tau0_112": 1.0,
+    }
     found, expected = both(simulation(LOADING, 0.25, slip_systems=FCC, **copper), tmp_path)
     assert found.cuts == 0
     assert error(found, expected) < 1e-4
