@@ -158,7 +158,9 @@ class System:
     def traces(self) -> list[float]:
         """Trace of A⁻¹ R_k of each part with a weight, else 0.
 
-        Exact for a small system, else from fixed random vectors.
+        Exact for a small system, else from fixed random vectors z: the mean of zᵀ(DAD)⁻¹(DR_kD)z,
+        D A D of unit diagonal. Motion and height have units of their own, and without D the one
+        that has the larger numbers would drown the trace of the other.
         """
         values = [0.0] * len(self.parts)
         if not self._used:
@@ -167,9 +169,9 @@ class System:
             used = self._factor.traces()
         else:
             probes = _probes(self.size, -(-PROBED // self.size))
-            solved = self.solve(probes)
-            every = probes.shape[1]
-            used = [float(np.sum(solved * (self.parts[k] @ probes))) / every for k in self._used]
+            scale, every = self._factored.scale[:, None], probes.shape[1]
+            solved, scaled = self.solve(probes / scale), probes * scale
+            used = [float(np.sum(solved * (self.parts[k] @ scaled))) / every for k in self._used]
         for k, trace in zip(self._used, used, strict=True):
             values[k] = trace
         return values

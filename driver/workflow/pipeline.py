@@ -73,7 +73,7 @@ def stages(case: Case) -> Sequence[Stage]:
         Stage("mesh", "3", _MESH, run_mesh),
         Stage(
             "measure",
-            "8",
+            "9",
             _MEASURE,
             run_measure,
             measured_files,

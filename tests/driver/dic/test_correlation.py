@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.sparse import csc_array
 
 from driver.common.splines.images import samples
 from driver.dic.basis import grid_basis, mesh_basis
@@ -281,3 +283,47 @@ def test_the_modes_that_cost_are_the_rank_of_the_penalty(penalty: Penalty) -> No
     for basis in (grid_basis(xy, (0, 3, 0, 4), 1.0), mesh_basis(xy, distorted("tri6"))):
         part, _ = penalties(basis, basis, penalty)
         assert modes(basis, penalty) == np.linalg.matrix_rank(np.asarray(part))
+
+
+@pytest.fixture(scope="module")
+def drifting() -> tuple[FloatArray, list[FloatArray]]:
+    """Reference and two images of a relief of 1 that moves and stretches, noise 0.05."""
+    rng = np.random.default_rng(1)
+    relief = ndimage.gaussian_filter(rng.normal(size=(180, 220)), 2.5)
+    row, col = np.mgrid[:110, :150].astype(float)
+
+    def image(u: float, v: float) -> FloatArray:
+        at = [row + 30 - u * (1 + 0.001 * row), col + 30 - v * (1 + 0.002 * col)]
+        seen = ndimage.map_coordinates(relief / relief.std(), at, order=5)
+        return np.asarray(seen + rng.normal(0.0, 0.05, seen.shape))
+
+    return image(0.0, 0.0), [image(0.4, 0.3), image(1.0, 0.8)]
+
+
+@pytest.mark.parametrize("element", [16.0, 40.0], ids=["sparse", "dense"])
+@pytest.mark.parametrize(("unit", "pixel"), [(1e-9, 1.0), (1e6, 1.0), (1e-9, 1e6), (1e6, 1e-9)])
+def test_the_units_of_heights_and_of_pixels_change_nothing(
+    drifting: tuple[FloatArray, list[FloatArray]], element: float, unit: float, pixel: float
+) -> None:
+    f, g = drifting
+    plain = correlate(f, g, mesh_uv=element, mesh_w=element / 2)
+    found = correlate(f * unit, [h * unit for h in g], pixel, None, element, element / 2)
+    motion = found.at_pixels(1) / [pixel, pixel, unit]
+    assert motion == pytest.approx(plain.at_pixels(1), abs=1e-6)
+    assert found.chi == pytest.approx(plain.chi, rel=1e-6)
+    assert found.sigma == pytest.approx(plain.sigma * unit, rel=1e-6)
+    assert found.roughness == pytest.approx(plain.roughness, rel=1e-6)
+    assert found.system.freedom() == pytest.approx(plain.system.freedom(), rel=1e-6)
+    assert found.reason == plain.reason
+
+
+def test_the_unknowns_that_images_decide_are_counted_in_any_unit(
+    drifting: tuple[FloatArray, list[FloatArray]],
+) -> None:
+    f, g = drifting
+    system = correlate(f * 1e-6, [g[0] * 1e-6]).system
+    matrix, *parts = (csc_array(part).toarray() for part in (system.hessian, *system.parts))
+    held = sum(w * part for w, part in zip(system.weights, parts, strict=True))
+    exact = float(np.trace(np.linalg.solve(matrix + held, matrix)))
+    # of 456 unknowns, whose share that is held is known to 1 %
+    assert system.freedom() == pytest.approx(exact, abs=0.01 * system.size)
