@@ -24,6 +24,7 @@ Result = TypeVar("Result")
 
 FIRST_ROUGHNESS = 1.0  # px; where the estimate of what the motion needs begins
 FIRST_ROUGHNESS_W, FIRST_NOISE = 0.1, 0.05  # of the relief
+UNLIKE = 3.0  # times what the others leave, beyond which an image has no say in both
 COARSE = 2e-2  # px; largest update at the end before an estimate, and enough to warp images back
 
 
@@ -94,6 +95,8 @@ class Solution:
         noise: what was known of it.
         estimate: noise and roughness, as given or as the images say.
         lost: whether most of the pixels left the image or the iteration diverged, (T,).
+        unlike: whether it leaves so much more than the others that it has no say in the estimate;
+            what is lost is unlike, too, (T,).
         iterations: Gauss–Newton steps of the last iterations, (T,).
         converged: whether the update fell below the tolerance, (T,).
         reason: why each image's iteration ended, and what to try if it failed, length T.
@@ -108,6 +111,7 @@ class Solution:
     noise: KnownNoise
     estimate: NoiseAndRoughness
     lost: BoolArray
+    unlike: BoolArray
     iterations: IntArray
     converged: BoolArray
     reason: tuple[str, ...]
@@ -178,7 +182,8 @@ def solve(
     3. the images are solved again from the motion that this leads to.
 
     A pixel without a height in one image is left out of ρ, b and M of that image alone. An image
-    that is lost has no say in σ and a.
+    that is lost, or leaves more than `UNLIKE` times what is usual, has no say in σ and a: out of
+    focus or of another field, it would ask for a roughness that spoils all others.
 
     Args:
         problem: the images.
@@ -201,7 +206,7 @@ def solve(
     free = (regularisation.roughness is None, regularisation.roughness_w is None)
     if any(free) or (noise.sigma is None and any(system.weights)):
         _, solved = _solved(problem, system, estimate, starts, COARSE, workers, False)
-        kept = followed(_lost(solved))
+        kept = ~_unlike(solved)
         sigma = noise.sigma or _sigma(system, solved)
         evidence = Evidence(system, ranks(*bases, penalty), free, noise.n_reference)
         p = np.array([one.end.p for one in solved])[kept]
@@ -226,6 +231,7 @@ def solve(
         noise=noise,
         estimate=estimate,
         lost=_lost(solved),
+        unlike=_unlike(solved),
         iterations=np.array([end.iterations for end in ends]),
         converged=np.array([end.reason == "converged" for end in ends]),
         reason=tuple(explanation(end, tolerance) for end in ends),
@@ -294,20 +300,26 @@ def in_threads(
         return list(pool.map(work, *arguments))
 
 
-def followed(lost: BoolArray) -> BoolArray:
-    """Return the images that are not lost; all where none is left."""
-    return lost if lost.all() else ~lost
-
-
 def _lost(solved: Sequence[_Outcome]) -> BoolArray:
     return np.array([one.lost for one in solved])
 
 
+def _unlike(solved: Sequence[_Outcome]) -> BoolArray:
+    """Images that are lost or leave far more than is usual; none where all are lost."""
+    lost = _lost(solved)
+    if lost.all():
+        return ~lost
+    left = np.sqrt([one.squares / max(one.seen, 1) for one in solved])
+    # Of two images the better one is usual.
+    usual = np.quantile(left[~lost], 0.5, method="lower")
+    return np.asarray(lost | (left > UNLIKE * usual))
+
+
 def _sigma(system: System, solved: Sequence[_Outcome]) -> float:
-    """Noise of one image that the residuals of those that are not lost say."""
+    """Noise of one image that the residuals of those say that are not unlike the others."""
     squares, freedom, each = 0.0, 0.0, system.freedom()
-    for one, kept in zip(solved, followed(_lost(solved)), strict=True):
-        if kept:
+    for one, other in zip(solved, _unlike(solved), strict=True):
+        if not other:
             squares += one.squares
             freedom += one.seen - each
     return float(np.sqrt(squares / max(freedom, 1.0)))

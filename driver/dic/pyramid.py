@@ -9,12 +9,11 @@ import numpy as np
 
 from driver.common.splines.kernels import coefficients, slopes_at
 from driver.dic.basis import GridBasis, grid_basis
-from driver.dic.jump import after_jump
+from driver.dic.jump import Trail
 from driver.dic.kernels import binned
 from driver.dic.regularisation import penalties
 from driver.dic.system import Pixels, System
 from driver.experiment.images.heightmaps import ImageError
-from driver.experiment.images.rigid import phase_correlation
 from meshes.arrays import BoolArray, FloatArray
 
 ELEMENT = 16  # px of the level
@@ -64,8 +63,9 @@ class Starter:
     ) -> FloatArray:
         """Return starting values [u | v | w] in pixels and heights of each image, shape (T, n).
 
-        An image starts from where the one before it ended, or that with the shift between the
-        two added, whichever leaves less; the coarse motion is followed through all images.
+        An image starts from where one before it ended, or that with the shift between the two
+        added, whichever leaves least; the coarse motion is followed through all images, but for
+        those that do not converge.
 
         Args:
             images: g without gaps, each of shape (rows, cols).
@@ -74,23 +74,23 @@ class Starter:
         """
         starts = []
         top = self.levels[0]
-        p, box = np.zeros(top.system.size), _box(top.system.pixels)
-        before = binned(self.reference, top.scale)
+        box = _box(top.system.pixels)
+        trail = Trail(top.system, binned(self.reference, top.scale)[box], 1.0)
         for image in images:
             small = binned(image, top.scale)
             spline = coefficients(small)
-            shift = np.array(phase_correlation(before[box], small[box]))
-            p = after_jump(top.system, spline, p, shift)
+            p, followed = trail.start(small[box], spline), True
             for level, coarser in zip(self.levels, (None, *self.levels), strict=False):
                 if coarser is not None:
                     p = _carried(coarser, p, level)
                     spline = coefficients(binned(image, level.scale))
                 end = level.system.iterate(spline, p, TOLERANCE)
                 p = end.p if end.reason in ("converged", "slow") else p
+                followed &= end.reason == "converged"
             last = self.levels[-1]
             starts.append(_values(last, p, nodes_uv, nodes_w))
-            p = _carried(last, p, top) if last is not top else p
-            before = small
+            if followed:
+                trail.add(small[box], _carried(last, p, top) if last is not top else p)
         return np.array(starts)
 
 

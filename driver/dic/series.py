@@ -10,7 +10,7 @@ from scipy.sparse import csr_array, diags_array, hstack
 
 from driver.common.element_sizes import ELEMENT_UV, ELEMENT_W
 from driver.dic.basis import Basis, PixelMotion, basis_on
-from driver.dic.engine import CorrelationProblem, KnownNoise, Regularisation, followed, solve
+from driver.dic.engine import CorrelationProblem, KnownNoise, Regularisation, solve
 from driver.dic.first_pass import first_pass
 from driver.dic.interpolation_noise import mean_autocorrelation, noise_of_right_side
 from driver.dic.missing_pixels import Equations
@@ -159,7 +159,7 @@ def measure(
         with_residual=False,
     )
     fields = PixelMotion(basis_uv, basis_w, solution.coefficients)
-    kept = np.flatnonzero(followed(solution.lost))
+    kept = np.flatnonzero(~solution.unlike)
     shared = mean_autocorrelation(fields[kept[t : t + 1]][0] / pixel for t in range(len(kept)))
     seen = sensitivity(images.gradient, basis_uv, basis_w)
     noise = noise_of_right_side(seen, images.rows, images.cols, shared, n_reference)

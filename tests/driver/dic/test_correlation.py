@@ -327,3 +327,56 @@ def test_the_unknowns_that_images_decide_are_counted_in_any_unit(
     exact = float(np.trace(np.linalg.solve(matrix + held, matrix)))
     # of 456 unknowns, whose share that is held is known to 1 %
     assert system.freedom() == pytest.approx(exact, abs=0.01 * system.size)
+
+
+def out_of_focus(image: FloatArray, other: FloatArray) -> FloatArray:
+    return np.asarray(ndimage.gaussian_filter(image, 4.0))
+
+
+def another_field(image: FloatArray, other: FloatArray) -> FloatArray:
+    return other
+
+
+def turned_over(image: FloatArray, other: FloatArray) -> FloatArray:
+    return image[::-1, ::-1]
+
+
+@pytest.fixture(scope="module")
+def series() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Five images of a relief of 1 that moves and stretches, noise 0.05; and one of another."""
+    rng = np.random.default_rng(3)
+    reliefs = [ndimage.gaussian_filter(rng.normal(size=(130, 150)), 2.5) for _ in range(2)]
+    row, col = np.mgrid[:90, :110].astype(float)
+
+    def image(relief: FloatArray, t: int) -> FloatArray:
+        at = [row + 20 - 0.2 * t, col + 20 + 0.15 * t - 0.0002 * t * col]
+        seen = ndimage.map_coordinates(relief / relief.std(), at, order=5)
+        return np.asarray(seen + rng.normal(0.0, 0.05, seen.shape))
+
+    images = np.array([image(reliefs[0], t) for t in range(6)])
+    return images[0], images[1:], image(reliefs[1], 3)
+
+
+@pytest.mark.parametrize(("spoil", "at"), [(out_of_focus, 3), (another_field, 0), (turned_over, 2)])
+def test_a_bad_image_spoils_no_other(
+    series: tuple[FloatArray, FloatArray, FloatArray],
+    spoil: Callable[[FloatArray, FloatArray], FloatArray],
+    at: int,
+) -> None:
+    f, images, other = series
+    spoilt = images.copy()
+    spoilt[at] = spoil(images[at], other)
+    good, found = correlate(f, images), correlate(f, spoilt)
+    others = np.arange(len(images)) != at
+    assert found.unlike.tolist() == (~others).tolist()
+    assert found.converged[others].all() and found.chi[at] > 5
+    assert found.sigma == pytest.approx(good.sigma, rel=0.01)
+    # 0.02 px; a bad image that had a say asked for 4 px and more
+    assert found.roughness == pytest.approx(good.roughness, rel=0.5)
+    for t in np.flatnonzero(others).tolist():
+        wrong = found.at_pixels(t) - good.at_pixels(t)
+        assert np.sqrt(np.mean(wrong**2)) < 2e-3
+
+
+def test_images_alike_are_all_heard(series: tuple[FloatArray, FloatArray, FloatArray]) -> None:
+    assert not correlate(series[0], series[1][:2]).unlike.any()
