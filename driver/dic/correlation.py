@@ -202,6 +202,7 @@ def correlate(
         ),
         options.tolerance,
         options.workers,
+        with_gains=True,
     )
     return Correlation(**vars(solution), shape=(f.shape[0], f.shape[1]))
 

@@ -16,6 +16,7 @@ from driver.dic.messages import explanation
 from driver.dic.missing_pixels import Equations
 from driver.dic.regularisation import Penalty, penalties, ranks
 from driver.dic.regularisation_evidence import Evidence, NoiseAndRoughness, weigh
+from driver.dic.relief_gain import Gains, fine_relief, gains
 from driver.dic.residual_noise import residual_variance
 from driver.dic.system import End, Pixels, System
 from meshes.arrays import BoolArray, FloatArray, IntArray
@@ -25,6 +26,7 @@ Result = TypeVar("Result")
 FIRST_ROUGHNESS = 1.0  # px; where the estimate of what the motion needs begins
 FIRST_ROUGHNESS_W, FIRST_NOISE = 0.1, 0.05  # of the relief
 UNLIKE = 3.0  # times what the others leave, beyond which an image has no say in both
+GAIN_ROUNDS = 3  # solutions at most, until the gains of the images are met
 COARSE = 2e-2  # px; largest update at the end before an estimate, and enough to warp images back
 
 
@@ -97,6 +99,8 @@ class Solution:
         lost: whether most of the pixels left the image or the iteration diverged, (T,).
         unlike: whether it leaves so much more than the others that it has no say in the estimate;
             what is lost is unlike, too, (T,).
+        gains: heights of each image over those of the reference, as estimated.
+        applied: gains that the reference was held against each image with, shape (T,).
         iterations: Gauss–Newton steps of the last iterations, (T,).
         converged: whether the update fell below the tolerance, (T,).
         reason: why each image's iteration ended, and what to try if it failed, length T.
@@ -112,6 +116,8 @@ class Solution:
     estimate: NoiseAndRoughness
     lost: BoolArray
     unlike: BoolArray
+    gains: Gains
+    applied: FloatArray
     iterations: IntArray
     converged: BoolArray
     reason: tuple[str, ...]
@@ -164,6 +170,7 @@ def solve(
     tolerance: float,
     workers: int = 1,
     with_residual: bool = True,
+    with_gains: bool = False,
 ) -> Solution:
     """Find the motion of every image against the reference.
 
@@ -192,7 +199,52 @@ def solve(
         tolerance: largest nodal update of u, v at the end [px].
         workers: threads over the images; the result does not depend on it.
         with_residual: whether the residuals of all images are kept.
+        with_gains: whether an image that shows the relief larger or smaller, as that finer than
+            the elements of w tells, is held against a reference that is so about its mean.
     """
+    known = np.ones(len(starts))
+    fine = fine_relief(problem.pixels, problem.basis_w)
+    for _ in range(GAIN_ROUNDS):
+        held = _Held(fine, known)
+        solution = _solve(problem, held, starts, regularisation, tolerance, workers, with_residual)
+        off = solution.gains.off(known)
+        if not (with_gains and off.any()):
+            break
+        known, starts = np.where(off, solution.gains.value, known), solution.coefficients
+    return solution
+
+
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """Relief finer than elements of w, and its gain in each image.
+
+    Attributes:
+        fine: [µm], shape (n_pix,).
+        gains: shape (T,).
+    """
+
+    fine: FloatArray
+    gains: FloatArray
+
+    def equations(self, equations: Equations, t: int) -> Equations:
+        """Equations of image t."""
+        if self.gains[t] == 1.0:
+            return equations
+        height = equations.whole.pixels.height
+        height = height + (self.gains[t] - 1.0) * (height - height.mean())
+        return replace(equations, whole=equations.whole.at_heights(height))
+
+
+def _solve(
+    problem: CorrelationProblem,
+    held: _Held,
+    starts: FloatArray,
+    regularisation: Regularisation,
+    tolerance: float,
+    workers: int,
+    with_residual: bool,
+) -> Solution:
+    """Find the motion with the gains of the images as they are known."""
     pixels, noise = problem.pixels, problem.noise
     relief = float(np.std(pixels.height))
     estimate = NoiseAndRoughness(
@@ -205,7 +257,7 @@ def solve(
     weigh(system, estimate, noise.n_reference)
     free = (regularisation.roughness is None, regularisation.roughness_w is None)
     if any(free) or (noise.sigma is None and any(system.weights)):
-        _, solved = _solved(problem, system, estimate, starts, COARSE, workers, False)
+        _, solved = _solved(problem, system, estimate, held, starts, COARSE, workers, False)
         kept = ~_unlike(solved)
         sigma = noise.sigma or _sigma(system, solved)
         evidence = Evidence(system, ranks(*bases, penalty), free, noise.n_reference)
@@ -214,13 +266,15 @@ def solve(
         starts = starts.copy()
         starts[kept] = p
     equations, solved = _solved(
-        problem, system, estimate, starts, tolerance, workers, with_residual
+        problem, system, estimate, held, starts, tolerance, workers, with_residual
     )
     squares = np.array([one.squares for one in solved])
     if noise.sigma is None:
         estimate = replace(estimate, sigma=_sigma(system, solved))
         squares /= estimate.sigma**2
-    ends = [one.end for one in solved]
+    ends, unlike = [one.end for one in solved], _unlike(solved)
+    along = np.where(unlike, np.nan, [one.along for one in solved])
+    of_image = (estimate.sigma, noise.n_reference)
     return Solution(
         equations=equations,
         coefficients=np.array([end.p for end in ends]),
@@ -231,7 +285,9 @@ def solve(
         noise=noise,
         estimate=estimate,
         lost=_lost(solved),
-        unlike=_unlike(solved),
+        unlike=unlike,
+        gains=gains(system, held.fine, along, held.gains, of_image),
+        applied=held.gains,
         iterations=np.array([end.iterations for end in ends]),
         converged=np.array([end.reason == "converged" for end in ends]),
         reason=tuple(explanation(end, tolerance) for end in ends),
@@ -248,12 +304,14 @@ class _Outcome:
         squares: Σ ρ² over its variance by noise, of the given σ or of 1; the relief stands for
             the residual of an image that is lost.
         seen: number of pixels in that sum.
+        along: Σ c ρ over the fine relief c.
     """
 
     end: End
     compared: BoolArray
     squares: float
     seen: int
+    along: float
 
     @property
     def lost(self) -> bool:
@@ -265,6 +323,7 @@ def _solved(
     problem: CorrelationProblem,
     system: System,
     estimate: NoiseAndRoughness,
+    held: _Held,
     starts: FloatArray,
     tolerance: float,
     workers: int,
@@ -276,9 +335,9 @@ def _solved(
     relief, unit = height - height.mean(), noise.sigma or 1.0
 
     def outcome(t: int) -> _Outcome:
-        end = equations.solve(problem.splines[t], starts[t], tolerance)
+        end = held.equations(equations, t).solve(problem.splines[t], starts[t], tolerance)
         compared = np.isfinite(end.residual)
-        solved = _Outcome(end, compared, 0.0, 0)
+        solved = _Outcome(end, compared, 0.0, 0, float(np.nansum(held.fine * end.residual)))
         left = relief if solved.lost else end.residual
         return replace(
             solved,

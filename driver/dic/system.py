@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, csr_array, diags_array, hstack
 
 from driver.dic.basis import Basis
 from driver.dic.factor import DENSE, DenseFactor, Factor, Matrix, make_factor
@@ -108,6 +109,12 @@ class System:
         self._used: list[int] = []
         self._sound: tuple[float, ...] = ()
         self._factor: Factor | None = None
+
+    def at_heights(self, height: FloatArray) -> System:
+        """Return the same equations, held against other heights f of the reference [µm], (n,)."""
+        other = copy(self)
+        other.pixels = replace(self.pixels, height=height)
+        return other
 
     def weigh(self, weights: Sequence[float]) -> None:
         """Set the weights and factor A, with a ridge where it is singular or nearly so."""
@@ -264,3 +271,15 @@ def assemble(pixels: Pixels, basis_uv: Basis, basis_w: Basis) -> Matrix:
     if n <= DENSE:
         return np.asarray(summed_dense(blocks, dofs, n))
     return csc_array(summed_sparse(blocks, dofs, n), shape=(n, n))
+
+
+def sensitivity(gradient: FloatArray, basis_uv: Basis, basis_w: Basis) -> csr_array:
+    """∇f·ψ of every function of [u | v | w], shape (n_pix, n); M is its Gram matrix.
+
+    Args:
+        gradient: ∂f/∂X, ∂f/∂Y [-], shape (n_pix, 2).
+        basis_uv: basis of u and of v.
+        basis_w: basis of w.
+    """
+    along_x, along_y = (diags_array(slope) @ basis_uv.values for slope in gradient.T)
+    return csr_array(hstack([along_x, along_y, -basis_w.values]))
