@@ -16,9 +16,10 @@ from driver.dic.messages import explanation
 from driver.dic.missing_pixels import Equations
 from driver.dic.regularisation import Penalty, penalties, ranks
 from driver.dic.regularisation_evidence import Evidence, NoiseAndRoughness, weigh
-from driver.dic.relief_gain import Gains, fine_relief, gains
+from driver.dic.relief_gain import Gains, Relief
 from driver.dic.residual_noise import residual_variance
 from driver.dic.system import End, Pixels, System
+from driver.dic.turn import turned
 from meshes.arrays import BoolArray, FloatArray, IntArray
 
 Result = TypeVar("Result")
@@ -143,7 +144,13 @@ class Solution:
 
     @property
     def chi(self) -> FloatArray:
-        """Residual of each image in units of noise, degrees of freedom counted, shape (T,)."""
+        """Residual of each image in units of noise, degrees of freedom counted, shape (T,).
+
+        NaN where the noise is not known: where it was not given, and no image has converged whose
+        residual would tell it.
+        """
+        if self.noise.sigma is None and not (self.converged & ~self.unlike).any():
+            return np.full(len(self.squares), np.nan)
         freedom = np.maximum(self.seen - self.system.freedom(), 1.0)
         return np.asarray(np.sqrt(self.squares / freedom))
 
@@ -199,14 +206,12 @@ def solve(
         tolerance: largest nodal update of u, v at the end [px].
         workers: threads over the images; the result does not depend on it.
         with_residual: whether the residuals of all images are kept.
-        with_gains: whether an image that shows the relief larger or smaller, as that finer than
-            the elements of w tells, is held against a reference that is so about its mean.
+        with_gains: whether an image that shows the relief larger or smaller is held against a
+            reference that is so about its mean.
     """
     known = np.ones(len(starts))
-    fine = fine_relief(problem.pixels, problem.basis_w)
     for _ in range(GAIN_ROUNDS):
-        held = _Held(fine, known)
-        solution = _solve(problem, held, starts, regularisation, tolerance, workers, with_residual)
+        solution = _solve(problem, known, starts, regularisation, tolerance, workers, with_residual)
         off = solution.gains.off(known)
         if not (with_gains and off.any()):
             break
@@ -214,30 +219,18 @@ def solve(
     return solution
 
 
-@dataclass(frozen=True, eq=False)
-class _Held:
-    """Relief finer than elements of w, and its gain in each image.
-
-    Attributes:
-        fine: [µm], shape (n_pix,).
-        gains: shape (T,).
-    """
-
-    fine: FloatArray
-    gains: FloatArray
-
-    def equations(self, equations: Equations, t: int) -> Equations:
-        """Equations of image t."""
-        if self.gains[t] == 1.0:
-            return equations
-        height = equations.whole.pixels.height
-        height = height + (self.gains[t] - 1.0) * (height - height.mean())
-        return replace(equations, whole=equations.whole.at_heights(height))
+def _as_high(equations: Equations, gain: float) -> Equations:
+    """Return the equations of an image that shows the relief higher by a gain."""
+    if gain == 1.0:
+        return equations
+    height = equations.whole.pixels.height
+    height = height + (gain - 1.0) * (height - height.mean())
+    return replace(equations, whole=equations.whole.at_heights(height))
 
 
 def _solve(
     problem: CorrelationProblem,
-    held: _Held,
+    known: FloatArray,
     starts: FloatArray,
     regularisation: Regularisation,
     tolerance: float,
@@ -257,16 +250,21 @@ def _solve(
     weigh(system, estimate, noise.n_reference)
     free = (regularisation.roughness is None, regularisation.roughness_w is None)
     if any(free) or (noise.sigma is None and any(system.weights)):
-        _, solved = _solved(problem, system, estimate, held, starts, COARSE, workers, False)
+        _, solved = _solved(problem, system, estimate, known, starts, COARSE, workers, False)
         kept = ~_unlike(solved)
         sigma = noise.sigma or _sigma(system, solved)
         evidence = Evidence(system, ranks(*bases, penalty), free, noise.n_reference)
-        p = np.array([one.end.p for one in solved])[kept]
+        reached = np.array([one.end.p for one in solved])[kept]
+        n_uv = system.n_uv
+        # As equations of the reference have it, none of them turned.
+        angles = [system.turn_of(p) for p in reached]
+        p = np.array([turned(q, n_uv, -a) for q, a in zip(reached, angles, strict=True)])
         estimate, p = evidence.settle(p, estimate, sigma)
         starts = starts.copy()
-        starts[kept] = p
+        starts[kept] = [turned(q, n_uv, a) for q, a in zip(p, angles, strict=True)]
+    shown = Relief.of(system)
     equations, solved = _solved(
-        problem, system, estimate, held, starts, tolerance, workers, with_residual
+        problem, system, estimate, known, starts, tolerance, workers, with_residual, shown
     )
     squares = np.array([one.squares for one in solved])
     if noise.sigma is None:
@@ -274,7 +272,6 @@ def _solve(
         squares /= estimate.sigma**2
     ends, unlike = [one.end for one in solved], _unlike(solved)
     along = np.where(unlike, np.nan, [one.along for one in solved])
-    of_image = (estimate.sigma, noise.n_reference)
     return Solution(
         equations=equations,
         coefficients=np.array([end.p for end in ends]),
@@ -286,11 +283,11 @@ def _solve(
         estimate=estimate,
         lost=_lost(solved),
         unlike=unlike,
-        gains=gains(system, held.fine, along, held.gains, of_image),
-        applied=held.gains,
+        gains=shown.gains(system, along, known, estimate.sigma, noise.n_reference),
+        applied=known,
         iterations=np.array([end.iterations for end in ends]),
         converged=np.array([end.reason == "converged" for end in ends]),
-        reason=tuple(explanation(end, tolerance) for end in ends),
+        reason=tuple(explanation(one.end, tolerance, one.rms / relief) for one in solved),
     )
 
 
@@ -304,7 +301,8 @@ class _Outcome:
         squares: Σ ρ² over its variance by noise, of the given σ or of 1; the relief stands for
             the residual of an image that is lost.
         seen: number of pixels in that sum.
-        along: Σ c ρ over the fine relief c.
+        along: of `Relief`, by which the gain is found [µm²], 0 where that is not asked for.
+        rms: root mean square of ρ, or of the relief where the image is lost [µm].
     """
 
     end: End
@@ -312,6 +310,7 @@ class _Outcome:
     squares: float
     seen: int
     along: float
+    rms: float
 
     @property
     def lost(self) -> bool:
@@ -323,27 +322,32 @@ def _solved(
     problem: CorrelationProblem,
     system: System,
     estimate: NoiseAndRoughness,
-    held: _Held,
+    known: FloatArray,
     starts: FloatArray,
     tolerance: float,
     workers: int,
     with_residual: bool,
+    relief: Relief | None = None,
 ) -> tuple[Equations, list[_Outcome]]:
     """Solve all images with the system as it is weighed."""
     noise, height = problem.noise, problem.pixels.height
-    equations = Equations(system, estimate.variance(noise.n_reference) / float(np.var(height)))
-    relief, unit = height - height.mean(), noise.sigma or 1.0
+    variance = estimate.variance(noise.n_reference)
+    equations = Equations(system, variance / float(np.var(height)))
+    flat, unit = height - height.mean(), noise.sigma or 1.0
 
     def outcome(t: int) -> _Outcome:
-        end = held.equations(equations, t).solve(problem.splines[t], starts[t], tolerance)
+        own = _as_high(equations, float(known[t]))
+        end = own.solve(problem.splines[t], starts[t], tolerance, variance)
         compared = np.isfinite(end.residual)
-        solved = _Outcome(end, compared, 0.0, 0, float(np.nansum(held.fine * end.residual)))
-        left = relief if solved.lost else end.residual
+        along = 0.0 if relief is None else relief.along(end.residual, end.p)
+        solved = _Outcome(end, compared, 0.0, 0, along, 0.0)
+        left = flat if solved.lost else end.residual
         return replace(
             solved,
             end=end if with_residual else replace(end, residual=np.empty(0)),
             squares=float(np.nansum(left**2 / _variance(system, end.p, noise, unit))),
             seen=int(np.count_nonzero(np.isfinite(left))),
+            rms=float(np.sqrt(np.nanmean(left**2))),
         )
 
     return equations, in_threads(outcome, workers, range(len(starts)))
@@ -375,10 +379,17 @@ def _unlike(solved: Sequence[_Outcome]) -> BoolArray:
 
 
 def _sigma(system: System, solved: Sequence[_Outcome]) -> float:
-    """Noise of one image that the residuals of those say that are not unlike the others."""
+    """Noise of one image by the residuals of those that are not unlike the others.
+
+    Of these such as have converged count, if there are any.
+    """
     squares, freedom, each = 0.0, 0.0, system.freedom()
-    for one, other in zip(solved, _unlike(solved), strict=True):
-        if not other:
+    told = ~_unlike(solved)
+    converged = np.array([one.end.reason == "converged" for one in solved])
+    if (told & converged).any():
+        told &= converged
+    for one, heard in zip(solved, told, strict=True):
+        if heard:
             squares += one.squares
             freedom += one.seen - each
     return float(np.sqrt(squares / max(freedom, 1.0)))

@@ -6,12 +6,14 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
+from scipy import ndimage
 
 from driver.dic.system import System
 from driver.experiment.images.rigid import phase_correlation
 from meshes.arrays import FloatArray
 
 JUMP = 0.5  # px; a smaller shift between two images is left to Gauss–Newton
+TURNS = 4.0  # degrees between the angles that are tried
 REMEMBERED = 3  # images before, beside the reference: two in turn may show something else
 
 
@@ -55,7 +57,7 @@ class Trail:
             tried.append(self._reference)
         for before in tried:
             for p in self._from(before, image):
-                left = self._left(spline, p)
+                left = _left(self._system, spline, p)
                 if left < least:
                     best, least = p, left
         return best
@@ -68,8 +70,43 @@ class Trail:
         jump = np.repeat([*shift, 0.0], [n, n, self._system.size - 2 * n])
         return [before.p, before.p + jump]
 
-    def _left(self, spline: FloatArray, p: FloatArray) -> float:
-        """Return the standard deviation of ρ, infinite where most pixels have left the image."""
-        residual = self._system.residual(spline, p)
-        seen = residual[np.isfinite(residual)]
-        return float(np.std(seen)) if 2 * seen.size > residual.size else np.inf
+
+def best_turn(
+    system: System,
+    reference: FloatArray,
+    image: FloatArray,
+    box: tuple[slice, slice],
+    spline: FloatArray,
+) -> FloatArray:
+    """Return the rigid motion in the plane that leaves least, of turns by all angles.
+
+    Args:
+        system: equations of the images, in pixels of the reference.
+        reference: heights without gaps, shape (rows, cols).
+        image: the same of the image.
+        box: rows and columns around the pixels of the system.
+        spline: cubic B-spline coefficients of the image.
+    """
+    places = system.basis_uv.nodes
+    middle = np.array([0.5 * (part.start + part.stop - 1) for part in box])
+    best, least = np.zeros(system.size), np.inf
+    for angle in np.radians(np.arange(0.0, 360.0, TURNS)):
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        # What lies at x in the turned reference is at Rᵀ(x − m) + m in itself.
+        turned = ndimage.affine_transform(
+            reference, turn.T, middle - turn.T @ middle, order=1, mode="nearest"
+        )
+        shift = np.array(phase_correlation(turned[box], image[box]))
+        moved = (places - middle) @ (turn - np.eye(2)).T + shift
+        p = np.concatenate([moved[:, 0], moved[:, 1], np.zeros(system.size - 2 * system.n_uv)])
+        left = _left(system, spline, p)
+        if left < least:
+            best, least = p, left
+    return best
+
+
+def _left(system: System, spline: FloatArray, p: FloatArray) -> float:
+    """Return the standard deviation of ρ, infinite where most pixels have left the image."""
+    residual = system.residual(spline, p)
+    seen = residual[np.isfinite(residual)]
+    return float(np.std(seen)) if 2 * seen.size > residual.size else np.inf
