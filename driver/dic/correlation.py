@@ -147,11 +147,13 @@ def correlate(
     n_reference: int = 1,
     options: Options | None = None,
     gradient: NDArray[Any] | None = None,
+    start: NDArray[Any] | None = None,
 ) -> Correlation:
     """Find the motion of every image against the reference.
 
     `engine.solve`, which `series.measure` calls too. A coarse stiff motion, followed from image to
-    image through binned copies, gives the starts.
+    image through binned copies, gives the starts; where it leaves most of the relief, turns by all
+    angles are tried. An image whose heights have another gain is met with it, see `Solution`.
 
     Args:
         reference: heights f, NaN where none was measured, shape (rows, cols).
@@ -167,6 +169,10 @@ def correlate(
         options: regularisation and ending.
         gradient: ∂f/∂X (along the rows' index), ∂f/∂Y where it is better known than from the
             reference alone, whose spline gives it if None, shape (rows, cols, 2).
+        start: u, v at the pixels of the reference from which each image is sought, in the unit of
+            `pixel`, within some elements; of any shape that spreads over (T, rows, cols, 2), such
+            as (2,) for one shift of all images or (T, 1, 1, 2) for one of each. None for the
+            motion of the images before.
 
     Raises:
         ImageError: shapes that differ, nothing left to correlate, or impossible parameters.
@@ -178,7 +184,8 @@ def correlate(
     basis_uv, basis_w, rows, cols = _bases(region, pixel, mesh_uv, mesh_w)
     starter = Starter.build(f, region)
     whole = [_gapless(g) for g in stack]
-    starts = starter.follow(whole, basis_uv.nodes / pixel, basis_w.nodes / pixel)
+    given = None if start is None else _given(start, (len(whole), *f.shape, 2)) / pixel
+    starts = starter.follow(whole, basis_uv.nodes / pixel, basis_w.nodes / pixel, given)
     starts[:, : 2 * len(basis_uv.nodes)] *= pixel
     if gradient is None:
         slope = slopes_at(coefficients(f), rows, cols) / pixel
@@ -202,6 +209,7 @@ def correlate(
         ),
         options.tolerance,
         options.workers,
+        with_gains=True,
     )
     return Correlation(**vars(solution), shape=(f.shape[0], f.shape[1]))
 
@@ -235,7 +243,7 @@ def _checked(
 
 
 def _heights(name: str, image: NDArray[Any]) -> FloatArray:
-    """Return heights as numbers, NaN where a masked array has none."""
+    """Return numbers, NaN where a masked array has none."""
     if np.iscomplexobj(image):
         raise ImageError(f"{name} of complex numbers; heights are expected.")
     heights = np.array(image, dtype=np.float64)
@@ -258,6 +266,19 @@ def _region(f: FloatArray, mask: NDArray[Any] | None) -> BoolArray:
     if np.ptp(f[region]) == 0:
         raise ImageError("the reference has no relief inside the mask: motion cannot be seen.")
     return np.asarray(region)
+
+
+def _given(start: NDArray[Any], shape: tuple[int, ...]) -> FloatArray:
+    motion = _heights("start", start)
+    if not np.isfinite(motion).all():
+        raise ImageError("start without a value at some pixels: numbers expected.")
+    try:
+        return np.broadcast_to(motion, shape)
+    except ValueError:
+        raise ImageError(
+            f"start of shape {motion.shape}; one that spreads over {shape} is expected: u, v of "
+            "each image at each pixel."
+        ) from None
 
 
 def _sloped(gradient: NDArray[Any], f: FloatArray) -> FloatArray:

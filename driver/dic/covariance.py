@@ -12,8 +12,9 @@ from driver.common.splines.kernels import HORIZON, coefficients
 from driver.dic.basis import PixelMotion
 from driver.dic.interpolation_noise import noise_of_weights
 from driver.dic.kernels import spread
-from driver.dic.series import SurfaceMotion, sensitivity
+from driver.dic.series import SurfaceMotion
 from driver.dic.surface_images import SurfaceImages
+from driver.dic.system import sensitivity
 from meshes.arrays import BoolArray, FloatArray, IntArray
 
 _MARGIN = 10  # px, over which the cardinal cubic spline falls to 2e-6

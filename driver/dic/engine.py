@@ -16,14 +16,18 @@ from driver.dic.messages import explanation
 from driver.dic.missing_pixels import Equations
 from driver.dic.regularisation import Penalty, penalties, ranks
 from driver.dic.regularisation_evidence import Evidence, NoiseAndRoughness, weigh
+from driver.dic.relief_gain import Gains, Relief
 from driver.dic.residual_noise import residual_variance
 from driver.dic.system import End, Pixels, System
+from driver.dic.turn import turned
 from meshes.arrays import BoolArray, FloatArray, IntArray
 
 Result = TypeVar("Result")
 
 FIRST_ROUGHNESS = 1.0  # px; where the estimate of what the motion needs begins
 FIRST_ROUGHNESS_W, FIRST_NOISE = 0.1, 0.05  # of the relief
+UNLIKE = 3.0  # times what the others leave, beyond which an image has no say in both
+GAIN_ROUNDS = 3  # solutions at most, until the gains of the images are met
 COARSE = 2e-2  # px; largest update at the end before an estimate, and enough to warp images back
 
 
@@ -94,6 +98,10 @@ class Solution:
         noise: what was known of it.
         estimate: noise and roughness, as given or as the images say.
         lost: whether most of the pixels left the image or the iteration diverged, (T,).
+        unlike: whether it leaves so much more than the others that it has no say in the estimate;
+            what is lost is unlike, too, (T,).
+        gains: heights of each image over those of the reference, as estimated.
+        applied: gains that the reference was held against each image with, shape (T,).
         iterations: Gauss–Newton steps of the last iterations, (T,).
         converged: whether the update fell below the tolerance, (T,).
         reason: why each image's iteration ended, and what to try if it failed, length T.
@@ -108,6 +116,9 @@ class Solution:
     noise: KnownNoise
     estimate: NoiseAndRoughness
     lost: BoolArray
+    unlike: BoolArray
+    gains: Gains
+    applied: FloatArray
     iterations: IntArray
     converged: BoolArray
     reason: tuple[str, ...]
@@ -133,7 +144,13 @@ class Solution:
 
     @property
     def chi(self) -> FloatArray:
-        """Residual of each image in units of noise, degrees of freedom counted, shape (T,)."""
+        """Residual of each image in units of noise, degrees of freedom counted, shape (T,).
+
+        NaN where the noise is not known: where it was not given, and no image has converged whose
+        residual would tell it.
+        """
+        if self.noise.sigma is None and not (self.converged & ~self.unlike).any():
+            return np.full(len(self.squares), np.nan)
         freedom = np.maximum(self.seen - self.system.freedom(), 1.0)
         return np.asarray(np.sqrt(self.squares / freedom))
 
@@ -160,6 +177,7 @@ def solve(
     tolerance: float,
     workers: int = 1,
     with_residual: bool = True,
+    with_gains: bool = False,
 ) -> Solution:
     """Find the motion of every image against the reference.
 
@@ -178,7 +196,8 @@ def solve(
     3. the images are solved again from the motion that this leads to.
 
     A pixel without a height in one image is left out of ρ, b and M of that image alone. An image
-    that is lost has no say in σ and a.
+    that is lost, or leaves more than `UNLIKE` times what is usual, has no say in σ and a: out of
+    focus or of another field, it would ask for a roughness that spoils all others.
 
     Args:
         problem: the images.
@@ -187,7 +206,38 @@ def solve(
         tolerance: largest nodal update of u, v at the end [px].
         workers: threads over the images; the result does not depend on it.
         with_residual: whether the residuals of all images are kept.
+        with_gains: whether an image that shows the relief larger or smaller is held against a
+            reference that is so about its mean.
     """
+    known = np.ones(len(starts))
+    for _ in range(GAIN_ROUNDS):
+        solution = _solve(problem, known, starts, regularisation, tolerance, workers, with_residual)
+        off = solution.gains.off(known)
+        if not (with_gains and off.any()):
+            break
+        known, starts = np.where(off, solution.gains.value, known), solution.coefficients
+    return solution
+
+
+def _as_high(equations: Equations, gain: float) -> Equations:
+    """Return the equations of an image that shows the relief higher by a gain."""
+    if gain == 1.0:
+        return equations
+    height = equations.whole.pixels.height
+    height = height + (gain - 1.0) * (height - height.mean())
+    return replace(equations, whole=equations.whole.at_heights(height))
+
+
+def _solve(
+    problem: CorrelationProblem,
+    known: FloatArray,
+    starts: FloatArray,
+    regularisation: Regularisation,
+    tolerance: float,
+    workers: int,
+    with_residual: bool,
+) -> Solution:
+    """Find the motion with the gains of the images as they are known."""
     pixels, noise = problem.pixels, problem.noise
     relief = float(np.std(pixels.height))
     estimate = NoiseAndRoughness(
@@ -200,22 +250,28 @@ def solve(
     weigh(system, estimate, noise.n_reference)
     free = (regularisation.roughness is None, regularisation.roughness_w is None)
     if any(free) or (noise.sigma is None and any(system.weights)):
-        _, solved = _solved(problem, system, estimate, starts, COARSE, workers, False)
-        kept = followed(_lost(solved))
+        _, solved = _solved(problem, system, estimate, known, starts, COARSE, workers, False)
+        kept = ~_unlike(solved)
         sigma = noise.sigma or _sigma(system, solved)
         evidence = Evidence(system, ranks(*bases, penalty), free, noise.n_reference)
-        p = np.array([one.end.p for one in solved])[kept]
+        reached = np.array([one.end.p for one in solved])[kept]
+        n_uv = system.n_uv
+        # As equations of the reference have it, none of them turned.
+        angles = [system.turn_of(p) for p in reached]
+        p = np.array([turned(q, n_uv, -a) for q, a in zip(reached, angles, strict=True)])
         estimate, p = evidence.settle(p, estimate, sigma)
         starts = starts.copy()
-        starts[kept] = p
+        starts[kept] = [turned(q, n_uv, a) for q, a in zip(p, angles, strict=True)]
+    shown = Relief.of(system)
     equations, solved = _solved(
-        problem, system, estimate, starts, tolerance, workers, with_residual
+        problem, system, estimate, known, starts, tolerance, workers, with_residual, shown
     )
     squares = np.array([one.squares for one in solved])
     if noise.sigma is None:
         estimate = replace(estimate, sigma=_sigma(system, solved))
         squares /= estimate.sigma**2
-    ends = [one.end for one in solved]
+    ends, unlike = [one.end for one in solved], _unlike(solved)
+    along = np.where(unlike, np.nan, [one.along for one in solved])
     return Solution(
         equations=equations,
         coefficients=np.array([end.p for end in ends]),
@@ -226,9 +282,12 @@ def solve(
         noise=noise,
         estimate=estimate,
         lost=_lost(solved),
+        unlike=unlike,
+        gains=shown.gains(system, along, known, estimate.sigma, noise.n_reference),
+        applied=known,
         iterations=np.array([end.iterations for end in ends]),
         converged=np.array([end.reason == "converged" for end in ends]),
-        reason=tuple(explanation(end, tolerance) for end in ends),
+        reason=tuple(explanation(one.end, tolerance, one.rms / relief) for one in solved),
     )
 
 
@@ -242,12 +301,16 @@ class _Outcome:
         squares: Σ ρ² over its variance by noise, of the given σ or of 1; the relief stands for
             the residual of an image that is lost.
         seen: number of pixels in that sum.
+        along: of `Relief`, by which the gain is found [µm²], 0 where that is not asked for.
+        rms: root mean square of ρ, or of the relief where the image is lost [µm].
     """
 
     end: End
     compared: BoolArray
     squares: float
     seen: int
+    along: float
+    rms: float
 
     @property
     def lost(self) -> bool:
@@ -259,26 +322,32 @@ def _solved(
     problem: CorrelationProblem,
     system: System,
     estimate: NoiseAndRoughness,
+    known: FloatArray,
     starts: FloatArray,
     tolerance: float,
     workers: int,
     with_residual: bool,
+    relief: Relief | None = None,
 ) -> tuple[Equations, list[_Outcome]]:
     """Solve all images with the system as it is weighed."""
     noise, height = problem.noise, problem.pixels.height
-    equations = Equations(system, estimate.variance(noise.n_reference) / float(np.var(height)))
-    relief, unit = height - height.mean(), noise.sigma or 1.0
+    variance = estimate.variance(noise.n_reference)
+    equations = Equations(system, variance / float(np.var(height)))
+    flat, unit = height - height.mean(), noise.sigma or 1.0
 
     def outcome(t: int) -> _Outcome:
-        end = equations.solve(problem.splines[t], starts[t], tolerance)
+        own = _as_high(equations, float(known[t]))
+        end = own.solve(problem.splines[t], starts[t], tolerance, variance)
         compared = np.isfinite(end.residual)
-        solved = _Outcome(end, compared, 0.0, 0)
-        left = relief if solved.lost else end.residual
+        along = 0.0 if relief is None else relief.along(end.residual, end.p)
+        solved = _Outcome(end, compared, 0.0, 0, along, 0.0)
+        left = flat if solved.lost else end.residual
         return replace(
             solved,
             end=end if with_residual else replace(end, residual=np.empty(0)),
             squares=float(np.nansum(left**2 / _variance(system, end.p, noise, unit))),
             seen=int(np.count_nonzero(np.isfinite(left))),
+            rms=float(np.sqrt(np.nanmean(left**2))),
         )
 
     return equations, in_threads(outcome, workers, range(len(starts)))
@@ -294,20 +363,33 @@ def in_threads(
         return list(pool.map(work, *arguments))
 
 
-def followed(lost: BoolArray) -> BoolArray:
-    """Return the images that are not lost; all where none is left."""
-    return lost if lost.all() else ~lost
-
-
 def _lost(solved: Sequence[_Outcome]) -> BoolArray:
     return np.array([one.lost for one in solved])
 
 
+def _unlike(solved: Sequence[_Outcome]) -> BoolArray:
+    """Images that are lost or leave far more than is usual; none where all are lost."""
+    lost = _lost(solved)
+    if lost.all():
+        return ~lost
+    left = np.sqrt([one.squares / max(one.seen, 1) for one in solved])
+    # Of two images the better one is usual.
+    usual = np.quantile(left[~lost], 0.5, method="lower")
+    return np.asarray(lost | (left > UNLIKE * usual))
+
+
 def _sigma(system: System, solved: Sequence[_Outcome]) -> float:
-    """Noise of one image that the residuals of those that are not lost say."""
+    """Noise of one image by the residuals of those that are not unlike the others.
+
+    Of these such as have converged count, if there are any.
+    """
     squares, freedom, each = 0.0, 0.0, system.freedom()
-    for one, kept in zip(solved, followed(_lost(solved)), strict=True):
-        if kept:
+    told = ~_unlike(solved)
+    converged = np.array([one.end.reason == "converged" for one in solved])
+    if (told & converged).any():
+        told &= converged
+    for one, heard in zip(solved, told, strict=True):
+        if heard:
             squares += one.squares
             freedom += one.seen - each
     return float(np.sqrt(squares / max(freedom, 1.0)))

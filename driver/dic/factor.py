@@ -19,7 +19,13 @@ DENSE = 400  # unknowns, up to which dense matrices are faster than sparse ones
 
 
 class Factor(Protocol):
-    """The factor of Σ a_k A_k, scaled to unit diagonal."""
+    """The factor of Σ a_k A_k, scaled to unit diagonal.
+
+    Attributes:
+        scale: D, by which the matrix becomes one of unit diagonal, D A D, shape (n,).
+    """
+
+    scale: FloatArray
 
     def set(self, weights: Sequence[float], ridge: float) -> bool:
         """Factor the sum and a ridge on its scaled diagonal; whether it is positive definite."""
@@ -50,23 +56,23 @@ class DenseFactor:
         for weight, term in zip(weights[1:], self._terms[1:], strict=True):
             if weight:
                 total += weight * term
-        self._scale = _scale(total.diagonal())
-        total *= self._scale[:, None]
-        total *= self._scale
+        self.scale = _scale(total.diagonal())
+        total *= self.scale[:, None]
+        total *= self.scale
         total.flat[:: len(total) + 1] += ridge
         self._factor, info = dpotrf(total, lower=1, overwrite_a=1)
         return bool(info == 0)
 
     def solve(self, right: FloatArray) -> FloatArray:
         """As in `Factor`."""
-        scale = self._scale if right.ndim == 1 else self._scale[:, None]
+        scale = self.scale if right.ndim == 1 else self.scale[:, None]
         return np.asarray(scale * dpotrs(self._factor, scale * right, lower=1)[0])
 
     def traces(self) -> list[float]:
         """Traces of the inverse times each term but the first."""
         inverse = dpotri(self._factor, lower=1)[0]  # its lower triangle, above it zeros
-        inverse *= self._scale[:, None]
-        inverse *= self._scale
+        inverse *= self.scale[:, None]
+        inverse *= self.scale
         inverse.flat[:: len(inverse) + 1] *= 0.5
         return [2.0 * float(np.vdot(inverse.T, term)) for term in self._terms[1:]]
 
@@ -96,15 +102,15 @@ class SparseFactor:
         for weight, values in zip(weights, self._values, strict=True):
             if weight:
                 total += weight * values
-        self._scale = _scale(total[self._diagonal])
-        total *= self._scale[self._rows]
-        total *= self._scale[self._columns]
+        self.scale = _scale(total[self._diagonal])
+        total *= self.scale[self._rows]
+        total *= self.scale[self._columns]
         total[self._diagonal] += ridge
         return self._cholesky.factor()
 
     def solve(self, right: FloatArray) -> FloatArray:
         """As in `Factor`."""
-        scale = self._scale[:, None]
+        scale = self.scale[:, None]
         columns = scale * right.reshape(len(scale), -1)
         return np.asarray((scale * self._cholesky.solve(columns)).reshape(right.shape))
 

@@ -60,7 +60,9 @@ class Equations:
         system.weigh((weight, max(weight_w, self.least_weight)))
         return system
 
-    def solve(self, image: FloatArray, start: FloatArray, tolerance: float) -> End:
+    def solve(
+        self, image: FloatArray, start: FloatArray, tolerance: float, variance: float = 0.0
+    ) -> End:
         """Return the motion of one frame by its own equations.
 
         Those of all pixels lead to the same motion, but slowly where many are lacking, and leave
@@ -70,10 +72,21 @@ class Equations:
             image: cubic B-spline coefficients [µm], NaN where nothing was measured.
             start: nodal values [µm], shape (n,).
             tolerance: largest nodal update of u, v at the end [px].
+            variance: of ρ by noise [µm²], 0 where it is not known.
         """
         at_start = self.whole.compare(image, start)
-        n_pix = len(at_start.residual)
-        if at_start.used == n_pix or at_start.used < MIN_USED * n_pix:
-            return self.whole.iterate(image, start, tolerance, at_start)
-        end = self.of(np.isfinite(at_start.residual)).iterate(image, start, tolerance)
-        return replace(end, residual=self.whole.residual(image, end.p))
+        seen = np.isfinite(at_start.residual)
+        if at_start.used == seen.size or at_start.used < MIN_USED * seen.size:
+            end = self.whole.iterate(image, start, tolerance, at_start, variance)
+        else:
+            end = self.of(seen).iterate(image, start, tolerance, variance=variance)
+            seen[seen] = end.steady
+        if end.reason == "slow" and not end.steady.all():
+            # Pixels at a border that come and go keep it from an end.
+            kept = seen if end.steady.size < seen.size else end.steady
+            if np.count_nonzero(kept) >= MIN_USED * kept.size:
+                again = self.of(kept).iterate(image, end.p, tolerance, variance=variance)
+                end = replace(again, iterations=end.iterations + again.iterations)
+        if end.residual.size < seen.size:
+            end = replace(end, residual=self.whole.residual(image, end.p))
+        return end

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from scipy import ndimage
 
 from driver.common.splines.kernels import coefficients, slopes_at
 from driver.dic.basis import GridBasis, grid_basis
-from driver.dic.jump import after_jump
+from driver.dic.jump import Trail, best_turn
 from driver.dic.kernels import binned
 from driver.dic.regularisation import penalties
 from driver.dic.system import Pixels, System
 from driver.experiment.images.heightmaps import ImageError
-from driver.experiment.images.rigid import phase_correlation
 from meshes.arrays import BoolArray, FloatArray
 
 ELEMENT = 16  # px of the level
@@ -22,6 +23,7 @@ STIFF = 0.05  # px; granted to second differences: nearly affine, no local minim
 TOLERANCE = 2e-2  # px of the level; enough for the next one
 SMALLEST = 64  # px; the images are halved as long as their shorter side stays as long
 FACTOR = 4  # between the finest coarse level and the image, 2 for a small one
+LEFT = 0.5  # of the relief; what leaves more was not followed, or is noise for the most part
 DAMPING = 1e-3  # of the mean diagonal, on the second differences of w
 
 
@@ -60,38 +62,76 @@ class Starter:
         return Starter(tuple(_level(reference, region, s) for s in scales), reference)
 
     def follow(
-        self, images: Sequence[FloatArray], nodes_uv: FloatArray, nodes_w: FloatArray
+        self,
+        images: Sequence[FloatArray],
+        nodes_uv: FloatArray,
+        nodes_w: FloatArray,
+        given: FloatArray | None = None,
     ) -> FloatArray:
         """Return starting values [u | v | w] in pixels and heights of each image, shape (T, n).
 
-        An image starts from where the one before it ended, or that with the shift between the
-        two added, whichever leaves less; the coarse motion is followed through all images.
+        An image starts from where one before it ended, or that with the shift between the two
+        added, whichever leaves least; the coarse motion is followed through all images, but for
+        those that do not converge. Where that leaves most of the relief, turns of any angle are
+        tried as well.
 
         Args:
             images: g without gaps, each of shape (rows, cols).
             nodes_uv: where u and v are wanted [px: row, column], (n, 2).
             nodes_w: where w is wanted, (m, 2).
+            given: u, v of each image to begin with in the place of images before it [px], shape
+                (T, rows, cols, 2).
         """
         starts = []
-        top = self.levels[0]
-        p, box = np.zeros(top.system.size), _box(top.system.pixels)
-        before = binned(self.reference, top.scale)
-        for image in images:
+        top, last = self.levels[0], self.levels[-1]
+        box = _box(top.system.pixels)
+        reference = binned(self.reference, top.scale)
+        trail = Trail(top.system, reference[box], 1.0)
+        for t, image in enumerate(images):
             small = binned(image, top.scale)
-            spline = coefficients(small)
-            shift = np.array(phase_correlation(before[box], small[box]))
-            p = after_jump(top.system, spline, p, shift)
-            for level, coarser in zip(self.levels, (None, *self.levels), strict=False):
-                if coarser is not None:
-                    p = _carried(coarser, p, level)
-                    spline = coefficients(binned(image, level.scale))
-                end = level.system.iterate(spline, p, TOLERANCE)
-                p = end.p if end.reason in ("converged", "slow") else p
-            last = self.levels[-1]
-            starts.append(_values(last, p, nodes_uv, nodes_w))
-            p = _carried(last, p, top) if last is not top else p
-            before = small
+            splines = [coefficients(small)]
+            splines += [coefficients(binned(image, level.scale)) for level in self.levels[1:]]
+            if given is not None:
+                end = self._descended(splines, _sampled(given[t], top))
+                starts.append(_values(last, end.p, nodes_uv, nodes_w))
+                continue
+            end = self._descended(splines, trail.start(small[box], splines[0]))
+            if end.left > LEFT * float(np.std(last.system.pixels.height)):
+                turned = best_turn(top.system, reference, small, box, splines[0])
+                again = self._descended(splines, turned)
+                end = again if again.left < end.left else end
+            starts.append(_values(last, end.p, nodes_uv, nodes_w))
+            if end.followed:
+                trail.add(small[box], _carried(last, end.p, top) if last is not top else end.p)
         return np.array(starts)
+
+    def _descended(self, splines: Sequence[FloatArray], p: FloatArray) -> _Descent:
+        """Follow a motion of the coarsest level down to the finest one."""
+        followed, residual = True, np.zeros(0)
+        for k, level in enumerate(self.levels):
+            if k:
+                p = _carried(self.levels[k - 1], p, level)
+            end = level.system.iterate(splines[k], p, TOLERANCE)
+            p = end.p if end.reason in ("converged", "slow") else p
+            followed &= end.reason == "converged"
+            residual = level.system.residual(splines[k], p)
+        seen = residual[np.isfinite(residual)]
+        enough = 2 * seen.size > residual.size
+        return _Descent(p, followed, float(np.std(seen)) if enough else np.inf)
+
+
+class _Descent(NamedTuple):
+    """Where the levels lead: nodal values of the finest one, and what it leaves.
+
+    Attributes:
+        p: [px] and heights, shape (n,).
+        followed: whether every level converged.
+        left: standard deviation of its residual, infinite where most pixels have left the image.
+    """
+
+    p: FloatArray
+    followed: bool
+    left: float
 
 
 def _level(reference: FloatArray, region: BoolArray, scale: int) -> _Level:
@@ -119,6 +159,16 @@ def _level(reference: FloatArray, region: BoolArray, scale: int) -> _Level:
     diagonal = float(system.hessian.diagonal()[n:].mean())
     system.weigh([variance / STIFF**2, DAMPING * diagonal])
     return _Level(scale, system, basis)
+
+
+def _sampled(motion: FloatArray, level: _Level) -> FloatArray:
+    """Nodal values of a level for u, v at every pixel of an image [px], shape (rows, cols, 2)."""
+    at = _in_image(level.basis.nodes, level.scale).T
+    u, v = (
+        ndimage.map_coordinates(part, at, order=1, mode="nearest") / level.scale
+        for part in np.moveaxis(motion, -1, 0)
+    )
+    return np.concatenate([u, v, np.zeros(level.system.size - 2 * len(u))])
 
 
 def _carried(coarse: _Level, p: FloatArray, fine: _Level) -> FloatArray:

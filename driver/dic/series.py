@@ -6,19 +6,19 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array, hstack
 
 from driver.common.element_sizes import ELEMENT_UV, ELEMENT_W
 from driver.dic.basis import Basis, PixelMotion, basis_on
-from driver.dic.engine import CorrelationProblem, KnownNoise, Regularisation, followed, solve
+from driver.dic.engine import CorrelationProblem, KnownNoise, Regularisation, solve
 from driver.dic.first_pass import first_pass
 from driver.dic.interpolation_noise import mean_autocorrelation, noise_of_right_side
 from driver.dic.missing_pixels import Equations
 from driver.dic.regularisation import Penalty, penalties
 from driver.dic.regularisation_evidence import NoiseAndRoughness, weigh
+from driver.dic.relief_gain import Gains
 from driver.dic.resolution_check import refuse_too_fine
 from driver.dic.surface_images import SurfaceImages, refine_gradient
-from driver.dic.system import Pixels, System
+from driver.dic.system import Pixels, System, sensitivity
 from meshes.arrays import BoolArray, FloatArray, IntArray
 from meshes.plane_mesh import PlaneMesh
 
@@ -49,6 +49,7 @@ class SurfaceMotion:
         chi: residual in units of noise, degrees of freedom counted, shape (T,). The relief stands
             for the residual of a frame that is lost.
         lost: whether most of the face left the frame or the iteration diverged, shape (T,).
+        gains: heights of each frame over those of the reference; the motion is that of a gain of 1.
         iterations: Gauss–Newton steps of the last pass, shape (T,).
         converged: whether the update fell below the tolerance, shape (T,).
         reason: why the iteration of each frame ended, length T.
@@ -68,6 +69,7 @@ class SurfaceMotion:
     n_reference: int
     chi: FloatArray
     lost: BoolArray
+    gains: Gains
     iterations: IntArray
     converged: BoolArray
     reason: tuple[str, ...]
@@ -159,7 +161,7 @@ def measure(
         with_residual=False,
     )
     fields = PixelMotion(basis_uv, basis_w, solution.coefficients)
-    kept = np.flatnonzero(followed(solution.lost))
+    kept = np.flatnonzero(~solution.unlike)
     shared = mean_autocorrelation(fields[kept[t : t + 1]][0] / pixel for t in range(len(kept)))
     seen = sensitivity(images.gradient, basis_uv, basis_w)
     noise = noise_of_right_side(seen, images.rows, images.cols, shared, n_reference)
@@ -172,6 +174,7 @@ def measure(
         n_reference=n_reference,
         chi=solution.chi,
         lost=solution.lost,
+        gains=solution.gains,
         iterations=solution.iterations,
         converged=solution.converged,
         reason=solution.reason,
@@ -191,15 +194,3 @@ def _pixels(images: SurfaceImages) -> Pixels:
         slope=np.ascontiguousarray(images.gradient),
         pixel=images.pixel,
     )
-
-
-def sensitivity(gradient: FloatArray, basis_uv: Basis, basis_w: Basis) -> csr_array:
-    """∇f·ψ of every function of [u | v | w], shape (n_pix, n); M is its Gram matrix.
-
-    Args:
-        gradient: ∂f/∂X, ∂f/∂Y [-], shape (n_pix, 2).
-        basis_uv: basis of u and of v.
-        basis_w: basis of w.
-    """
-    along_x, along_y = (diags_array(slope) @ basis_uv.values for slope in gradient.T)
-    return csr_array(hstack([along_x, along_y, -basis_w.values]))

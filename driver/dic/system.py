@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, csr_array, diags_array, hstack
 
 from driver.dic.basis import Basis
 from driver.dic.factor import DENSE, DenseFactor, Factor, Matrix, make_factor
 from driver.dic.kernels import cell_pairs, pair_hessians, residual_and_right_side
 from driver.dic.patterns import summed_dense, summed_sparse
+from driver.dic.turn import mean_turn, turned
 from driver.experiment.images.heightmaps import ImageError
-from meshes.arrays import FloatArray
+from meshes.arrays import BoolArray, FloatArray
 
 Reason = Literal["converged", "slow", "diverged", "left"]
 
 CONDITION = 1e10  # of the Hessian with unit diagonal, beyond which a ridge is added
 RIDGE = 1e-8  # of that unit diagonal
 MAX_ITERATIONS = 60
+WITHIN_NOISE = 0.1  # σ of any number that is read, less than which an update tells nothing
+RESTLESS = 20  # steps, after which pixels at a border that come and go are noted
 DIVERGED = 5.0  # times the first update
 MIN_USED = 0.5  # of the pixels; a motion that takes more out of the image is lost
 PROBED = 5000  # numbers in the random vectors behind the traces of large matrices: known to 1 %
@@ -56,6 +60,9 @@ class End:
         iterations: Gauss–Newton steps.
         reason: why it stopped.
         last_update: largest nodal update of u, v in the last step [px].
+        last_sigma: largest update of any number that is read from the motion, over its standard
+            deviation by noise; infinite where the noise was not given.
+        steady: whether each pixel was compared in every step after the first `RESTLESS`, (n,).
     """
 
     p: FloatArray
@@ -63,6 +70,8 @@ class End:
     iterations: int
     reason: Reason
     last_update: float
+    last_sigma: float
+    steady: BoolArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +118,12 @@ class System:
         self._sound: tuple[float, ...] = ()
         self._factor: Factor | None = None
 
+    def at_heights(self, height: FloatArray) -> System:
+        """Return the same equations, held against other heights f of the reference [µm], (n,)."""
+        other = copy(self)
+        other.pixels = replace(self.pixels, height=height)
+        return other
+
     def weigh(self, weights: Sequence[float]) -> None:
         """Set the weights and factor A, with a ridge where it is singular or nearly so."""
         self.weights, self.ridge = tuple(weights), 0.0
@@ -142,6 +157,18 @@ class System:
             raise RuntimeError("solve needs a call of weigh first")
         return self._factor
 
+    def turn_of(self, p: FloatArray) -> float:
+        """Return the angle by which nodal values turn the pixels, 0 where it is small [rad]."""
+        return mean_turn(self.basis_uv.nodes, self._told, p)
+
+    @cached_property
+    def _told(self) -> FloatArray:
+        """How much the pixels tell of each node of u and v, shape (n_uv,)."""
+        uv = self.basis_uv
+        nodes, share = uv.mesh.cells[uv.cell], np.abs(uv.shape)
+        told = np.bincount(nodes.ravel(), share.ravel(), minlength=self.n_uv)
+        return told.astype(np.float64)
+
     def penalty_force(self, p: FloatArray) -> FloatArray:
         """Σ a_k R_k p, shape (n,)."""
         force = np.zeros(self.size)
@@ -158,7 +185,9 @@ class System:
     def traces(self) -> list[float]:
         """Trace of A⁻¹ R_k of each part with a weight, else 0.
 
-        Exact for a small system, else from fixed random vectors.
+        Exact for a small system, else from fixed random vectors z: the mean of zᵀ(DAD)⁻¹(DR_kD)z,
+        D A D of unit diagonal. Motion and height have units of their own, and without D the one
+        that has the larger numbers would drown the trace of the other.
         """
         values = [0.0] * len(self.parts)
         if not self._used:
@@ -167,9 +196,9 @@ class System:
             used = self._factor.traces()
         else:
             probes = _probes(self.size, -(-PROBED // self.size))
-            solved = self.solve(probes)
-            every = probes.shape[1]
-            used = [float(np.sum(solved * (self.parts[k] @ probes))) / every for k in self._used]
+            scale, every = self._factored.scale[:, None], probes.shape[1]
+            solved, scaled = self.solve(probes / scale), probes * scale
+            used = [float(np.sum(solved * (self.parts[k] @ scaled))) / every for k in self._used]
         for k, trace in zip(self._used, used, strict=True):
             values[k] = trace
         return values
@@ -200,38 +229,57 @@ class System:
         start: FloatArray,
         tolerance: float,
         at_start: Comparison | None = None,
+        variance: float = 0.0,
     ) -> End:
         """Gauss–Newton from a start until the nodal update of u, v falls below the tolerance.
+
+        The slopes are those of the reference. Where the motion turns by θ, those of the image are
+        turned with it: with Q, which turns u and v, each step is δ = Q A⁻¹ (b − Qᵀ P p).
+
+        An iteration that comes to no end has converged where its last step is within the noise: no
+        number lᵀp moves by more than (δᵀAδ)^½ of its standard deviation (lᵀA⁻¹l)^½, over that of ρ.
 
         Args:
             image: cubic B-spline coefficients of g [µm], NaN where nothing was measured.
             start: nodal values [µm], (n,).
             tolerance: [px].
             at_start: `compare` at the start, if it was called.
+            variance: of ρ by noise [µm²], 0 where it is not known.
         """
         p, penalised = start, any(self.weights)
-        step, before, first = 1.0, np.inf, np.inf
+        step, before, first, in_sigma = 1.0, np.inf, np.inf, np.inf
+        angle = self.turn_of(start)
         reason: Reason = "slow"
+        steady = np.ones(len(self.pixels.rows), dtype=bool)
         for iteration in range(1, MAX_ITERATIONS + 1):
             now = at_start if at_start and iteration == 1 else self.compare(image, p)
             if now.used < MIN_USED * len(now.residual):
                 reason = "left"
                 break
-            force = self.penalty_force(p) if penalised else 0.0
-            update = self.solve(now.right - force)
+            if iteration > RESTLESS:
+                steady &= np.isfinite(now.residual)
+            right = now.right
+            if penalised:
+                right = right - turned(self.penalty_force(p), self.n_uv, -angle)
+            unturned = self.solve(right)
+            update = turned(unturned, self.n_uv, angle)
             largest = float(np.abs(update[: 2 * self.n_uv]).max()) / self.pixels.pixel
             first = min(first, largest) if iteration == 1 else first
             # M is that of the reference: where the frame is steeper, full steps overshoot.
             if largest > 0.9 * before:
                 step = max(0.5 * step, 0.2)
             p, before = p + step * update, largest
+            if variance:
+                in_sigma = float(np.sqrt(max(float(unturned @ right), 0.0) / variance))
             if largest < tolerance:
                 reason = "converged"
                 break
             if largest > DIVERGED * max(first, 1.0):
                 reason = "diverged"
                 break
-        return End(p, now.residual, iteration, reason, before)
+        if reason == "slow" and in_sigma < WITHIN_NOISE:
+            reason = "converged"
+        return End(p, now.residual, iteration, reason, before, in_sigma, steady)
 
     def _smallest_eigenvalue(self) -> float:
         """Of the scaled matrix, from above, by inverse iteration."""
@@ -262,3 +310,15 @@ def assemble(pixels: Pixels, basis_uv: Basis, basis_w: Basis) -> Matrix:
     if n <= DENSE:
         return np.asarray(summed_dense(blocks, dofs, n))
     return csc_array(summed_sparse(blocks, dofs, n), shape=(n, n))
+
+
+def sensitivity(gradient: FloatArray, basis_uv: Basis, basis_w: Basis) -> csr_array:
+    """∇f·ψ of every function of [u | v | w], shape (n_pix, n); M is its Gram matrix.
+
+    Args:
+        gradient: ∂f/∂X, ∂f/∂Y [-], shape (n_pix, 2).
+        basis_uv: basis of u and of v.
+        basis_w: basis of w.
+    """
+    along_x, along_y = (diags_array(slope) @ basis_uv.values for slope in gradient.T)
+    return csr_array(hstack([along_x, along_y, -basis_w.values]))

@@ -171,7 +171,7 @@ def spread(images: Images, levels: FloatArray) -> float:
 
 
 def refuse_other_lengths(case: Case, key: str, stack: Stack) -> None:
-    """Hold the lengths that the file of an instrument states against those of the case.
+    """Hold the lengths that a file with heights states against those of the case.
 
     Raises:
         ExperimentError: its heights would be scaled, or its pixels are of another size.
@@ -184,7 +184,7 @@ def refuse_other_lengths(case: Case, key: str, stack: Stack) -> None:
                 case, key,
                 f"heights in nanometres and height_per_level_nm = "
                 f"{case.images.height_per_level_nm:g}",
-                f"height_per_level_nm = {LEVEL_NM:g} for the files of an instrument",
+                f"height_per_level_nm = {LEVEL_NM:g} for files that tell their heights",
                 stack.file(t),
             )  # fmt: skip
         if source.pixel_nm is not None and _off(case, source.pixel_nm):

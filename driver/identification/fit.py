@@ -29,6 +29,7 @@ DECREMENT = 0.1  # Newton decrement at convergence: a tenth of a standard deviat
 NEGLIGIBLE = math.sqrt(1e-2)
 SCATTER = 3.0  # standard deviations of ‖r‖²
 POLISH = 8  # iterations of a fit that begins near its end
+_LIMIT = "the limit of"
 NEAR = 10.0
 """Newton decrement [σ] below which the trial points take the time steps of the last one: the cost
 is then smooth, where steps of their own would make it jump by about as much as is to be gained."""
@@ -56,6 +57,11 @@ class Fit:
     start_load: FloatArray = field(default_factory=lambda: np.empty(0))
     seconds: float = 0.0
     given_up: bool = False
+
+    @property
+    def at_limit(self) -> bool:
+        """Whether the limit of its iterations ended it."""
+        return self.reason.startswith(_LIMIT)
 
     @property
     def values(self) -> dict[str, float]:
@@ -138,7 +144,7 @@ def fit(
         if decrement < enough:
             return ended(True, f"the Newton decrement is {decrement:.2g} σ")
         if iteration == most:
-            reason = f"the limit of {most} iterations, decrement {decrement:.2g} σ"
+            reason = f"{_LIMIT} {most} iterations, decrement {decrement:.2g} σ"
             return ended(False, reason)
         flat = decrement < FLAT
         tried = (

@@ -9,6 +9,7 @@ from typing import Any
 
 from driver.common.formatting import chi, joined, number, probability, signed
 from driver.diagnosis.answer.result_types import GATE, IMAGING
+from driver.diagnosis.answer.verdict import LEAST_EXPLAINED
 from driver.diagnosis.search.selection_round import WITHIN
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
 from driver.parameters.registry import label_of
@@ -44,29 +45,40 @@ def first_screen(findings: Findings) -> FirstScreen:
 
 def verdict_texts(diagnosis: Row) -> list[str]:
     """Return the verdict in one sentence, and the paragraph below it."""
-    summary = headline(diagnosis["verdict"], diagnosis["sets"])
+    share = diagnosis["gain"]["share_of_excess_explained"]
+    summary = headline(diagnosis["verdict"], diagnosis["sets"], share)
     if diagnosis["verdict"] == "named":
         return [diagnosis["text"], summary]
     return [summary, diagnosis["text"]]
 
 
-def headline(kind: str, sets: Sequence[Sequence[str]]) -> str:
+def headline(kind: str, sets: Sequence[Sequence[str]], share: float | None = 1.0) -> str:
     """Return the kind of a verdict as a sentence.
 
     Args:
         kind: the answer.
         sets: for each effect that it names the causes that cannot be told apart.
+        share: of the misfit above noise that is gone; None where the averages over everything are
+            not above noise.
     """
     names = ", and ".join(_one_of(group) for group in sets)
     several = len(sets) > 1
     either = joined([cause_label(name) for name in sets[0]]) if sets else ""
-    sentences = {
-        "nothing wrong": "Nothing wrong: the model leaves only noise.",
+    found = {
         "named": f"{'Together these causes explain' if several else 'One cause explains'} "
         f"the misfit: {names}.",
         "one of this set": f"Together these explain the misfit: {names}."
         if several
         else f"One of these explains the misfit, and these data cannot say which: {either}.",
+    }
+    if kind in found and (share is None or share < LEAST_EXPLAINED):
+        of_misfit = (
+            "too small or too local for the averages over loads and images" if share is None
+            else f"which takes {number(100.0 * share, 2)} % of the misfit above noise"
+        )  # fmt: skip
+        return f"Found: {names}; {of_misfit}."
+    sentences = found | {
+        "nothing wrong": "Nothing wrong: the model leaves only noise.",
         "named, but something is left": f"Found: {names}; but something is left that is not noise.",
         "unexplained": "Unexplained: the model misses something that no cause that was tried "
         "accounts for.",

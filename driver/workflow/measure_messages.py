@@ -99,6 +99,7 @@ def tell_frames(
         logger.info(f"  frame {frame}: {motion.reason[frame]}")
     if slow.size > _TOLD:
         logger.info(f"  {slow.size - _TOLD} more frames did not converge: measure.csv says why")
+    _tell_gains(motion)
     stretch, sigma = elongation.value[0], elongation.sigma[0]
     if not motion.lost[0] and abs(stretch) > _STRETCHED * sigma:
         longer = "longer" if stretch > 0 else "shorter"
@@ -107,6 +108,20 @@ def tell_frames(
             f"({abs(stretch) / sigma:.0f} σ), expected no load on both: look at the order of "
             "images.frames"
         )
+
+
+def _tell_gains(motion: SurfaceMotion) -> None:
+    """Frames that show the relief larger or smaller than the repeats do."""
+    gains = motion.gains
+    off = np.flatnonzero(gains.off(np.ones(gains.value.size)))
+    for frame in off[:_TOLD].tolist():
+        logger.info(
+            f"  frame {frame} shows the relief {gains.value[frame]:.3f} ± {gains.sigma:.3f} times "
+            "as high as the repeats do: divide its heights by that if their scale has changed; "
+            "focus does the same"
+        )
+    if off.size > _TOLD:
+        logger.info(f"  {off.size - _TOLD} more frames show the relief larger or smaller")
 
 
 def tell_wrong_frames(

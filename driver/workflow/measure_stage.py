@@ -12,8 +12,9 @@ from driver.common.errors import InputError
 from driver.common.splines.images import variance_gain
 from driver.dic.derived_quantities import readings
 from driver.dic.grip_check import grip_motion
-from driver.dic.series import SurfaceMotion, measure, sensitivity
+from driver.dic.series import SurfaceMotion, measure
 from driver.dic.surface_images import SurfaceImages, refine_gradient
+from driver.dic.system import sensitivity
 from driver.dic.temporal_smoothing import smoothed_motion
 from driver.experiment.history import phase_of_images
 from driver.experiment.images.heightmaps import ImageError, fill_off_surface

@@ -73,7 +73,7 @@ def stages(case: Case) -> Sequence[Stage]:
         Stage("mesh", "3", _MESH, run_mesh),
         Stage(
             "measure",
-            "8",
+            "9",
             _MEASURE,
             run_measure,
             measured_files,
@@ -84,7 +84,7 @@ def stages(case: Case) -> Sequence[Stage]:
         Stage("identify", "12", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
         Stage("diagnose", "12", ("diagnosis",), run_diagnose, diagnosed_files),
         Stage("advise", "1", (), run_advise),
-        Stage("report", "10", _REPORT, run_report, reported_files),
+        Stage("report", "11", _REPORT, run_report, reported_files),
     )
 
 

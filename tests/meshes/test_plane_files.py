@@ -56,8 +56,16 @@ def test_a_face_that_gmsh_itself_has_meshed_is_read(
         gmsh.model.mesh.generate(2)
         gmsh.model.mesh.setOrder(order)
         gmsh.write(str(tmp_path / "face.msh"))
-    assert read_plane_mesh(tmp_path / "face.msh").kind == kind
-    assert area(tmp_path / "face.msh") == pytest.approx(48.0)
+        gmsh.write(str(tmp_path / "no_groups.med"))
+        gmsh.option.setNumber("Mesh.SaveParametric", 1)
+        for version, binary in ((2.2, 0), (4.1, 0), (4.1, 1)):
+            gmsh.option.setNumber("Mesh.MshFileVersion", version)
+            gmsh.option.setNumber("Mesh.Binary", binary)
+            gmsh.write(str(tmp_path / f"parametric_{version}_{binary}.msh"))
+    for path in tmp_path.iterdir():
+        assert read_plane_mesh(path).kind == kind, path.name
+        assert area(path) == pytest.approx(48.0), path.name
+    assert len(list(tmp_path.iterdir())) == 5
 
 
 def write(path: Path, cells: list[tuple[str, np.ndarray]], z: float = 0.0) -> None:
@@ -105,3 +113,27 @@ def test_a_bad_file_is_refused_in_one_sentence_and_nothing_is_printed(
     with pytest.raises(ValueError, match=said):
         read_plane_mesh(tmp_path / name)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("ending", [".msh", ".med"])
+def test_a_script_of_gmsh_with_the_ending_of_a_mesh_is_not_run(ending: str, tmp_path: Path) -> None:
+    trace, path = tmp_path / "trace", tmp_path / f"face{ending}"
+    path.write_text(f'Point(1) = {{0, 0, 0}};\nSystemCall "touch {trace}";\n')
+    with pytest.raises(ValueError, match="found no readable"):
+        read_plane_mesh(path)
+    assert not trace.exists()
+
+
+def test_options_of_gmsh_beside_a_mesh_are_not_run(tmp_path: Path) -> None:
+    trace, path = tmp_path / "trace", tmp_path / "face.msh"
+    with running_gmsh() as gmsh:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("Mesh.SaveParametric", 1)
+        gmsh.model.occ.addRectangle(-2, 0, 0, 4, 12)
+        gmsh.model.occ.synchronize()
+        gmsh.model.mesh.generate(2)
+        gmsh.write(str(path))
+    for name in ("face.msh.opt", "face.opt", "face.geo"):
+        (tmp_path / name).write_text(f'SystemCall "touch {trace}";\n')
+    assert read_plane_mesh(path).kind == "tri3"
+    assert not trace.exists()

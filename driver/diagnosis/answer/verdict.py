@@ -138,21 +138,34 @@ def with_refinement(verdict: Verdict, refinement: str) -> Verdict:
     return replace(verdict, next=verdict.next.replace(REFINE, refinement))
 
 
-def with_doubts(verdict: Verdict, unsettled: Sequence[str], limits: Sequence[str]) -> Verdict:
+MORE_ITERATIONS = "Let the fit converge: more identification.max_iterations."
+"""What to do where the identified model ended at that limit."""
+BETTER_STARTS = (
+    "Let the fit converge: starting values in the case nearer to what is found, or more "
+    "identification.starts."
+)
+"""The same where it stopped before."""
+BEGIN_AT_END = "Let the extended fit converge: run extended.toml, which begins where it ended."
+"""The same where the identified model has converged, and the extended one has not."""
+
+
+def with_doubts(
+    verdict: Verdict, unsettled: Sequence[str], limits: Sequence[str], remedy: str = ""
+) -> Verdict:
     """Return a verdict that says what makes it doubtful.
 
     Args:
         verdict: the answer.
         unsettled: each fit behind it that has not converged, and why it ended.
         limits: causes that could not be added, and values that stand at a bound.
+        remedy: what lets the fits converge.
     """
     if not (unsettled or limits):
         return verdict
-    converge = "Let the fit converge: more identification.max_iterations, or better starts. "
     return replace(
         verdict,
         text=f"{verdict.text} Read this with care: {_list([*limits, *unsettled])}.",
-        next=(converge if unsettled else "") + verdict.next,
+        next=f"{remedy} {verdict.next}".strip() if unsettled else verdict.next,
     )
 
 

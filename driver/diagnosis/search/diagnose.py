@@ -7,7 +7,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from driver.diagnosis.answer.result_types import Diagnosis, Round, Settings
-from driver.diagnosis.answer.verdict import decide, with_doubts
+from driver.diagnosis.answer.verdict import (
+    BEGIN_AT_END,
+    BETTER_STARTS,
+    MORE_ITERATIONS,
+    decide,
+    with_doubts,
+)
 from driver.diagnosis.causes.all_causes import EVERY
 from driver.diagnosis.causes.candidates import NotExamined, not_examined
 from driver.diagnosis.causes.ebsd_flips import flips_of
@@ -113,6 +119,7 @@ def diagnose(
             if not fit.converged
         ],
         [*selection.doubts, *_at_bounds(end)],
+        to_converge(baseline, first.fit),
     )
     if uneven is not None and uneven.named:
         verdict = with_uneven_noise(verdict)
@@ -134,6 +141,18 @@ def diagnose(
         verdict=verdict,
         levels=levels,
     )
+
+
+def to_converge(identified: Fit, baseline: Fit) -> str:
+    """Return what lets the fits converge of which one has not.
+
+    Args:
+        identified: the fit that was given.
+        baseline: the same as it was examined, by iterations of its own where the noise changed.
+    """
+    if baseline.converged:
+        return BEGIN_AT_END
+    return MORE_ITERATIONS if identified.at_limit else BETTER_STARTS
 
 
 def _at_bounds(end: Extension) -> list[str]:

@@ -203,6 +203,9 @@ def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
     # Near the null the derivative holds, beyond it what the weaker side shows.
     if limits and near.visible[0] > FAR[0]:
         best = replace(best, visible=np.max(limits, axis=0))
+    # What is seen is not smaller than what is visible, though one side shows less than the other.
+    if best.p < NAMING_LEVEL:
+        best = replace(best, visible=np.minimum(best.visible, np.abs(best.estimate)))
     return best, refits
 
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 from math import prod
 from pathlib import Path
 
-import imagecodecs
 import numpy as np
 
 from driver.case.instrument_files import INSTRUMENTS
 from driver.common.errors import why
 from driver.experiment.images.file_frames import (
     FileFrames,
-    Levels,
     contiguous,
     in_memory,
     stack_shape,
@@ -21,11 +19,8 @@ from driver.experiment.images.files import HDF5, Refused
 from driver.experiment.images.hdf5 import open_hdf5
 from driver.experiment.images.headers import npy_header, refuse_large
 from driver.experiment.images.instruments import open_instrument
-from driver.experiment.images.tiff import HEIGHTS, open_tiff
-
-_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_PNG_GREY = 0
-_PNG_COLOURS = {2: "RGB", 3: "a palette", 4: "grey with alpha", 6: "RGBA"}
+from driver.experiment.images.png import open_png
+from driver.experiment.images.tiff import open_tiff
 
 
 def open_file(file: Path, dataset: str = "") -> FileFrames:
@@ -45,31 +40,7 @@ def open_file(file: Path, dataset: str = "") -> FileFrames:
         return open_hdf5(file, dataset)
     if suffix in INSTRUMENTS:
         return open_instrument(file)
-    return {".npy": _open_npy, ".png": _open_png}.get(suffix, open_tiff)(file)
-
-
-def _open_png(file: Path) -> FileFrames:
-    first = _read_png(file)
-    return FileFrames((1, *first.shape), first.dtype, lambda index: _read_png(file))
-
-
-def _read_png(file: Path) -> Levels:
-    try:
-        data = file.read_bytes()
-    except (OSError, ValueError) as error:
-        raise Refused(why(error), "a PNG file that can be read") from None
-    if len(data) < 33 or not data.startswith(_PNG_SIGNATURE):
-        raise Refused("no PNG header", "a PNG file")
-    bits, colour = data[24], data[25]
-    if colour != _PNG_GREY:
-        raise Refused(f"{_PNG_COLOURS.get(colour, 'colours')}", HEIGHTS)
-    if bits not in (1, 8, 16):  # decoders stretch 2 and 4 bits to 8
-        raise Refused(f"{bits} bits a pixel", "8 or 16")
-    try:
-        levels = imagecodecs.png_decode(data)
-    except Exception as error:  # the types of errors are made at run time
-        raise Refused(why(error), "a PNG file that is whole") from None
-    return np.asarray(levels > 0 if bits == 1 else levels)
+    return {".npy": _open_npy, ".png": open_png}.get(suffix, open_tiff)(file)
 
 
 def _open_npy(file: Path) -> FileFrames:

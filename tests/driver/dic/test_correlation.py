@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.sparse import csc_array
 
 from driver.common.splines.images import samples
 from driver.dic.basis import grid_basis, mesh_basis
@@ -228,6 +230,8 @@ def relief() -> FloatArray:
         ({"mesh_uv": -8.0}, "element of -8.0 px"),
         ({"gradient": np.zeros((40, 60))}, r"gradient of shape \(40, 60\)"),
         ({"gradient": np.full((40, 60, 2), np.nan)}, "gradient without a value"),
+        ({"start": np.zeros((40, 60))}, r"start of shape \(40, 60\); one that spreads over"),
+        ({"start": np.array([np.nan, 0.0])}, "start without a value at some pixels"),
         ({"mesh_uv": AWAY}, "no pixel lies in the mesh"),
     ],
 )
@@ -281,3 +285,101 @@ def test_the_modes_that_cost_are_the_rank_of_the_penalty(penalty: Penalty) -> No
     for basis in (grid_basis(xy, (0, 3, 0, 4), 1.0), mesh_basis(xy, distorted("tri6"))):
         part, _ = penalties(basis, basis, penalty)
         assert modes(basis, penalty) == np.linalg.matrix_rank(np.asarray(part))
+
+
+@pytest.fixture(scope="module")
+def drifting() -> tuple[FloatArray, list[FloatArray]]:
+    """Reference and two images of a relief of 1 that moves and stretches, noise 0.05."""
+    rng = np.random.default_rng(1)
+    relief = ndimage.gaussian_filter(rng.normal(size=(180, 220)), 2.5)
+    row, col = np.mgrid[:110, :150].astype(float)
+
+    def image(u: float, v: float) -> FloatArray:
+        at = [row + 30 - u * (1 + 0.001 * row), col + 30 - v * (1 + 0.002 * col)]
+        seen = ndimage.map_coordinates(relief / relief.std(), at, order=5)
+        return np.asarray(seen + rng.normal(0.0, 0.05, seen.shape))
+
+    return image(0.0, 0.0), [image(0.4, 0.3), image(1.0, 0.8)]
+
+
+@pytest.mark.parametrize("element", [16.0, 40.0], ids=["sparse", "dense"])
+@pytest.mark.parametrize(("unit", "pixel"), [(1e-9, 1.0), (1e6, 1.0), (1e-9, 1e6), (1e6, 1e-9)])
+def test_the_units_of_heights_and_of_pixels_change_nothing(
+    drifting: tuple[FloatArray, list[FloatArray]], element: float, unit: float, pixel: float
+) -> None:
+    f, g = drifting
+    plain = correlate(f, g, mesh_uv=element, mesh_w=element / 2)
+    found = correlate(f * unit, [h * unit for h in g], pixel, None, element, element / 2)
+    motion = found.at_pixels(1) / [pixel, pixel, unit]
+    assert motion == pytest.approx(plain.at_pixels(1), abs=1e-6)
+    assert found.chi == pytest.approx(plain.chi, rel=1e-6)
+    assert found.sigma == pytest.approx(plain.sigma * unit, rel=1e-6)
+    assert found.roughness == pytest.approx(plain.roughness, rel=1e-6)
+    assert found.system.freedom() == pytest.approx(plain.system.freedom(), rel=1e-6)
+    assert found.reason == plain.reason
+
+
+def test_the_unknowns_that_images_decide_are_counted_in_any_unit(
+    drifting: tuple[FloatArray, list[FloatArray]],
+) -> None:
+    f, g = drifting
+    system = correlate(f * 1e-6, [g[0] * 1e-6]).system
+    matrix, *parts = (csc_array(part).toarray() for part in (system.hessian, *system.parts))
+    held = sum(w * part for w, part in zip(system.weights, parts, strict=True))
+    exact = float(np.trace(np.linalg.solve(matrix + held, matrix)))
+    # of 456 unknowns, whose share that is held is known to 1 %
+    assert system.freedom() == pytest.approx(exact, abs=0.01 * system.size)
+
+
+def out_of_focus(image: FloatArray, other: FloatArray) -> FloatArray:
+    return np.asarray(ndimage.gaussian_filter(image, 4.0))
+
+
+def another_field(image: FloatArray, other: FloatArray) -> FloatArray:
+    return other
+
+
+def mirrored(image: FloatArray, other: FloatArray) -> FloatArray:
+    return image[::-1]
+
+
+@pytest.fixture(scope="module")
+def series() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Five images of a relief of 1 that moves and stretches, noise 0.05; and one of another."""
+    rng = np.random.default_rng(3)
+    reliefs = [ndimage.gaussian_filter(rng.normal(size=(130, 150)), 2.5) for _ in range(2)]
+    row, col = np.mgrid[:90, :110].astype(float)
+
+    def image(relief: FloatArray, t: int) -> FloatArray:
+        at = [row + 20 - 0.2 * t, col + 20 + 0.15 * t - 0.0002 * t * col]
+        seen = ndimage.map_coordinates(relief / relief.std(), at, order=5)
+        return np.asarray(seen + rng.normal(0.0, 0.05, seen.shape))
+
+    images = np.array([image(reliefs[0], t) for t in range(6)])
+    return images[0], images[1:], image(reliefs[1], 3)
+
+
+@pytest.mark.parametrize(("spoil", "at"), [(out_of_focus, 3), (another_field, 0), (mirrored, 2)])
+def test_a_bad_image_spoils_no_other(
+    series: tuple[FloatArray, FloatArray, FloatArray],
+    spoil: Callable[[FloatArray, FloatArray], FloatArray],
+    at: int,
+) -> None:
+    f, images, other = series
+    spoilt = images.copy()
+    spoilt[at] = spoil(images[at], other)
+    good, found = correlate(f, images), correlate(f, spoilt)
+    others = np.arange(len(images)) != at
+    assert found.unlike.tolist() == (~others).tolist()
+    assert found.converged[others].all() and found.chi[at] > 5
+    assert found.converged[at] or "its motion was not found" in found.reason[at]
+    assert found.sigma == pytest.approx(good.sigma, rel=0.01)
+    # 0.02 px; a bad image that had a say asked for 4 px and more
+    assert found.roughness == pytest.approx(good.roughness, rel=0.5)
+    for t in np.flatnonzero(others).tolist():
+        wrong = found.at_pixels(t) - good.at_pixels(t)
+        assert np.sqrt(np.mean(wrong**2)) < 2e-3
+
+
+def test_images_alike_are_all_heard(series: tuple[FloatArray, FloatArray, FloatArray]) -> None:
+    assert not correlate(series[0], series[1][:2]).unlike.any()

@@ -9,8 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.dic.regularisation import Penalty, modes
-from driver.dic.series import measure, sensitivity
+from driver.dic.series import measure
 from driver.dic.surface_images import SurfaceImages, prepare
+from driver.dic.system import sensitivity
 from driver.experiment.images.heightmaps import ImageError, load_stack
 from meshes.plane_cells import CellKind
 from meshes.plane_mesh import PlaneMesh

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image, PngImagePlugin
 
 from driver.case.model import default_case, load_case, write_case
 from driver.experiment.reading import read_experiment
@@ -108,3 +109,23 @@ def test_contrast_that_was_chosen_for_each_image_is_refused(tmp_path: Path, dtyp
         frame[:9], frame[60, 60:64] = 0, largest
     path = case_of(tmp_path, np.array(plain, dtype))
     assert len(read_experiment(load_case(path)).frames) == 6
+
+
+def test_contrast_of_each_image_does_no_harm_where_the_file_tells_it(tmp_path: Path) -> None:
+    rng = np.random.default_rng(14)
+    relief = rng.normal(0.0, 20.0, (60, 80))
+    heights = [relief + rng.normal(0.0, 2.0, relief.shape) for _ in range(5)]
+    case = load_case(case_of(tmp_path, np.array(heights), off_surface_level="none"))
+    for t, frame in enumerate(heights):
+        low, high = frame.min(), frame.max()
+        texts = PngImagePlugin.PngInfo()
+        for key, text in {"ZMin": f"{low:.9g}", "ZMax": f"{high:.9g}", "ZUnit": "nm"}.items():
+            texts.add_text(f"Gwy::{key}", text)
+        levels = np.rint((frame - low) / (high - low) * 65535).astype(np.uint16)
+        Image.fromarray(levels).save(tmp_path / f"frame_{t}.png", pnginfo=texts)
+    pngs = {"images.frames": "frame_*.png", "images.repeats": "frame_[01].png"}
+    with pytest.raises(ExperimentError, match="expected height_per_level_nm = 1 for files that"):
+        read_experiment(case.with_values_at(pngs))
+    experiment = read_experiment(case.with_values_at(pngs | {"images.height_per_level_nm": 1.0}))
+    for seen, frame in zip(experiment.frames, heights, strict=True):
+        assert 1e3 * seen == pytest.approx(frame, abs=2e-3)  # half a level of 150 nm is 1e-3

@@ -316,6 +316,19 @@ def test_every_verdict_is_said_in_one_sentence(kind: str) -> None:
         assert "load gain and depth of the section" in sentence
 
 
+@pytest.mark.parametrize("kind", ["named", "one of this set"])
+def test_no_cause_explains_a_misfit_that_is_not_there_or_that_stays(kind: str) -> None:
+    sets = [["load_gain"]] if kind == "named" else [["load_gain", "section_depth"]]
+    for share, told in (
+        (None, "too small or too local for the averages"),
+        (0.31, "takes 31 % of the misfit above noise"),
+    ):
+        sentence = headline(kind, sets, share)
+        assert "explain" not in sentence
+        assert sentence.startswith("Found: ") and told in sentence
+    assert "explains the misfit" in headline(kind, sets, 0.97)
+
+
 def test_a_cause_that_is_sure_is_not_said_to_be_one_of_a_set_beside_it() -> None:
     sentence = headline("one of this set", [["load_lag"], ["load_gain", "section_depth"]])
     assert sentence == (

@@ -7,6 +7,7 @@ from typing import get_args
 import pytest
 
 from driver.diagnosis.answer.verdict import (
+    BETTER_STARTS,
     MOST_ADDITIONS,
     REFINE,
     Kind,
@@ -153,15 +154,16 @@ def test_a_refinement_that_is_known_is_named_in_place_of_a_request_for_one() -> 
     assert coarse.next == REFINE
     named = with_refinement(coarse, "Write specimen.mesh_size_um = 1, then run again.")
     assert named.next == "Write specimen.mesh_size_um = 1, then run again."
-    doubtful = with_doubts(coarse, ["the fit has not converged"], [])
-    assert with_refinement(doubtful, "Refine so.").next.endswith("better starts. Refine so.")
+    doubtful = with_doubts(coarse, ["the fit has not converged"], [], BETTER_STARTS)
+    assert with_refinement(doubtful, "Refine so.").next == f"{BETTER_STARTS} Refine so."
     assert with_refinement(of(CONTRAST), "Refine so.") == of(CONTRAST)
 
 
 def test_a_fit_that_has_not_converged_is_told_with_the_answer() -> None:
     answer = of(CONTRAST)
     assert with_doubts(answer, [], []) == answer
-    told = with_doubts(answer, ["the fit of the extended model has not converged (2 σ)"], [])
+    why = ["the fit of the extended model has not converged (2 σ)"]
+    told = with_doubts(answer, why, [], BETTER_STARTS)
     assert told.kind == answer.kind and told.sets == answer.sets
     assert told.text.startswith(answer.text) and told.text.endswith("not converged (2 σ).")
     assert told.next.startswith("Let the fit converge") and told.next.endswith(answer.next)

@@ -8,9 +8,11 @@ import pytest
 
 from driver.diagnosis.answer.detection_limits import not_seen
 from driver.diagnosis.answer.result_types import Diagnosis, Settings
+from driver.diagnosis.answer.verdict import BEGIN_AT_END, BETTER_STARTS, MORE_ITERATIONS
 from driver.diagnosis.causes.all_causes import EVERY
 from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.causes.ebsd_flips import FLIPS
+from driver.diagnosis.search.diagnose import to_converge
 from driver.diagnosis.search.flip_trial import turned
 from driver.identification.fit import fit
 from meshes.arrays import FloatArray
@@ -286,3 +288,14 @@ def test_a_drift_that_is_fitted_is_no_knot_of_the_held_out_cycle() -> None:
     found = diagnosis_of(BENCH, (objective, fitted), replace(SETTINGS, held_out=1))
     assert found.verdict.kind == "nothing wrong" and found.held_out is not None
     assert found.held_out[0].chi_image < 1.5
+
+
+def test_more_iterations_are_asked_for_only_where_their_limit_ended_the_fit() -> None:
+    fitted = null().baseline
+    limited = replace(fitted, converged=False, reason="the limit of 12 iterations, decrement 3 σ")
+    stuck = replace(fitted, converged=False, reason="no shorter step lowers the cost")
+    assert limited.at_limit and not stuck.at_limit
+    assert to_converge(limited, limited) == MORE_ITERATIONS
+    # Iterations after a change of the noise have a limit of their own.
+    assert to_converge(stuck, limited) == to_converge(stuck, stuck) == BETTER_STARTS
+    assert to_converge(limited, fitted) == BEGIN_AT_END

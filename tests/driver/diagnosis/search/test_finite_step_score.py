@@ -258,6 +258,16 @@ def test_from_where_on_a_bent_effect_is_seen_is_told_by_a_look() -> None:
     assert near.visible[0] > 100.0 and 2.0 < far.visible[0] < 10.0
 
 
+def test_what_is_seen_is_not_smaller_than_what_is_visible(hidden: Examined) -> None:
+    """A side far from the null may show less than the derivative that has found the cause."""
+    near = not_hiding(_of(hidden.scores, "non_schmid"))
+    near = replace(near, p=3e-17, log_evidence=1e3, estimate=np.array([-0.5]))
+    leader = replace(_of(hidden.scores, "cold_work"), log_evidence=2e3)
+    found = _of(look(with_scores(hidden, near, leader)).scores, "non_schmid")
+    assert found.p == 3e-17 and found.estimate == [-0.5]
+    assert found.visible == [0.5]
+
+
 def test_causes_that_do_not_bend_keep_their_scores(hidden: Examined) -> None:
     found = look(hidden).scores
     assert {s.cause.name for s in found} == {s.cause.name for s in hidden.scores}
