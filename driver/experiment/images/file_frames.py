@@ -21,6 +21,8 @@ Levels = NDArray[np.generic]
 class FileFrames:
     """Height maps of one file in digital levels, as stored.
 
+    Processes hand them to each other: what reads them can be pickled.
+
     Attributes:
         shape: numbers of frames, rows and columns.
         dtype: type of the stored numbers.
@@ -94,16 +96,25 @@ def contiguous(
         shape: numbers of frames, rows and columns.
         dtype: type of a number, in the byte order of the file.
     """
-    _, rows, cols = shape
+    return FileFrames(shape, dtype, _Contiguous(file, offset, shape, dtype))
 
-    def read(index: int) -> Levels:
-        begin = offset + index * rows * cols * dtype.itemsize
-        levels = np.fromfile(file, dtype, rows * cols, offset=begin)
+
+@dataclass(frozen=True)
+class _Contiguous:
+    """Reads a frame of `contiguous`, whose arguments it has."""
+
+    file: Path
+    offset: int
+    shape: tuple[int, int, int]
+    dtype: np.dtype[np.generic]
+
+    def __call__(self, index: int) -> Levels:
+        _, rows, cols = self.shape
+        begin = self.offset + index * rows * cols * self.dtype.itemsize
+        levels = np.fromfile(self.file, self.dtype, rows * cols, offset=begin)
         if levels.size < rows * cols:
             raise ValueError(f"{levels.size} of the {rows * cols} levels of frame {index}")
         return levels.reshape(rows, cols)
-
-    return FileFrames(shape, dtype, read)
 
 
 def in_blocks(
@@ -118,19 +129,28 @@ def in_blocks(
         shape: numbers of frames, rows and columns.
         dtype: type of a number.
         together: frames of a block.
-        read_block: returns the frames from a first one to before a last one.
+        read_block: returns the frames from a first one to before a last one; it can be pickled.
     """
+    return FileFrames(shape, dtype, _InBlocks(shape[0], together, read_block))
 
-    def read(index: int) -> Levels:
-        if together == 1:
-            return np.asarray(read_block(index, index + 1)[0])
-        place = index % together
+
+@dataclass(frozen=True)
+class _InBlocks:
+    """Reads a frame of `in_blocks`, by the block that holds it."""
+
+    n_frames: int
+    together: int
+    read_block: Callable[[int, int], Levels]
+
+    def __call__(self, index: int) -> Levels:
+        if self.together == 1:
+            return np.asarray(self.read_block(index, index + 1)[0])
+        place = index % self.together
         first = index - place
         with _BLOCKS:
-            block: Levels = _held(read_block, first, min(first + together, shape[0]))
+            last = min(first + self.together, self.n_frames)
+            block: Levels = _held(self.read_block, first, last)
         return np.array(block[place])
-
-    return FileFrames(shape, dtype, read)
 
 
 _BLOCKS = Lock()

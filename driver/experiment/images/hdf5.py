@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from functools import partial
 from importlib import import_module
 from math import prod
 from pathlib import Path
@@ -37,7 +38,7 @@ def open_hdf5(file: Path, dataset: str) -> FileFrames:
                 shape = (shape[0], shape[2], shape[1])
             dtype, together = node.dtype, _together(node, shape)
             absent = _absent_filters(node)
-        frames = in_blocks(shape, dtype, together, lambda a, b: _read(file, dataset, a, b))
+        frames = in_blocks(shape, dtype, together, partial(_read, file, dataset))
         return frames.all_read()
     except (OSError, ValueError, RuntimeError, KeyError, TypeError, MemoryError) as error:
         if absent:

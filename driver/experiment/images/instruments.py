@@ -8,6 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
@@ -43,7 +44,7 @@ def open_instrument(file: Path) -> FileFrames:
             "square ones: resample the scan on square pixels, and save it as TIFF",
         )
     frame = FileFrames(
-        (1, rows, columns), np.dtype(np.float64), lambda index: _heights(file), pixel, in_nm=True
+        (1, rows, columns), np.dtype(np.float64), partial(_heights, file), pixel, in_nm=True
     )
     return frame.all_read()
 
@@ -69,7 +70,7 @@ def _size_and_pixels(file: Path) -> tuple[int, int, tuple[float, float]]:
         return rows, columns, (unit * along_y / rows, unit * along_x / columns)
 
 
-def _heights(file: Path) -> Levels:
+def _heights(file: Path, index: int) -> Levels:
     with _channel(file) as channel:
         topography = channel.topography()
         heights = np.ma.filled(np.ma.asarray(topography.heights(), dtype=np.float64), np.nan)

@@ -7,6 +7,7 @@ import struct
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import imagecodecs
@@ -50,14 +51,18 @@ def open_png(file: Path) -> FileFrames:
     scale, pixel = _scale(data), _pixel(data, levels.shape)
     shape = (1, *levels.shape)
     if scale is None or levels.dtype.kind != "u":
-        return FileFrames(shape, levels.dtype, lambda index: _decoded(_content(file)), pixel)
-    return FileFrames(
-        shape, np.dtype(np.float64), lambda index: _heights(_content(file)), pixel, in_nm=True
-    )
+        return FileFrames(shape, levels.dtype, partial(_levels, file), pixel)
+    return FileFrames(shape, np.dtype(np.float64), partial(_heights, file), pixel, in_nm=True)
 
 
-def _heights(data: bytes) -> Levels:
+def _levels(file: Path, index: int) -> Levels:
+    """Levels of the one frame of a file."""
+    return _decoded(_content(file))
+
+
+def _heights(file: Path, index: int) -> Levels:
     """Heights [nm] of a file that tells its range, which may be another one than before."""
+    data = _content(file)
     levels, scale = _decoded(data), _scale(data)
     if scale is None:
         raise Refused("no range of the heights", "the file that was read at first")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from xml.etree import ElementTree
@@ -55,7 +56,8 @@ def _opened(file: Path) -> FileFrames:
         pixel = _pixel_size(tiff)
         size = shape[0] * shape[1] * shape[2] * series.dtype.itemsize
         if series.dataoffset is None:
-            return replace(_by_page(tiff, series, shape).all_read(), pixel_nm=pixel)
+            by_page = FileFrames(shape, series.dtype, _Pages(tiff, file, shape))
+            return replace(by_page.all_read(), pixel_nm=pixel)
         if series.dataoffset + size > file.stat().st_size:
             tiff.asarray()  # says what is wrong with it
         order = np.dtype(series.dtype).newbyteorder(tiff.byteorder)
@@ -63,29 +65,43 @@ def _opened(file: Path) -> FileFrames:
     if order.isnative:
         return stored
     native = order.newbyteorder("=")
-    return replace(stored, dtype=native, read=lambda index: stored.read(index).astype(native))
+    return replace(stored, dtype=native, read=partial(_in_order, stored, native))
 
 
-def _by_page(
-    tiff: tifffile.TiffFile, series: tifffile.TiffPageSeries, shape: tuple[int, int, int]
-) -> FileFrames:
-    lock, handle = Lock(), tiff.filehandle
+def _in_order(stored: FileFrames, native: np.dtype[np.generic], index: int) -> Levels:
+    """Levels of a frame in the byte order of this machine."""
+    return stored.read(index).astype(native)
 
-    def read(index: int) -> Levels:
-        with lock:
-            closed = handle.closed
+
+class _Pages:
+    """Reads a frame of a file page by page; another process opens the file anew."""
+
+    def __init__(self, tiff: tifffile.TiffFile, file: Path, shape: tuple[int, int, int]) -> None:
+        self._series, self._handle = tiff.series[0], tiff.filehandle
+        self._file, self._shape, self._lock = file, shape, Lock()
+
+    def __call__(self, index: int) -> Levels:
+        with self._lock:
+            closed = self._handle.closed
             if closed:
-                handle.open()
+                self._handle.open()
             try:
-                page = series[index]
+                page = self._series[index]
                 if page is None:
                     raise Refused(f"no page of frame {index}", "a page of each frame")
-                return np.asarray(page.asarray(maxworkers=1)).reshape(shape[1:])
+                return np.asarray(page.asarray(maxworkers=1)).reshape(self._shape[1:])
             finally:
                 if closed:
-                    handle.close()
+                    self._handle.close()
 
-    return FileFrames(shape, series.dtype, read)
+    def __reduce__(self) -> tuple[Callable[..., _Pages], tuple[Path, tuple[int, int, int]]]:
+        """Return what makes it in another process."""
+        return _pages_of, (self._file, self._shape)
+
+
+def _pages_of(file: Path, shape: tuple[int, int, int]) -> _Pages:
+    with tifffile.TiffFile(file) as tiff:
+        return _Pages(tiff, file, shape)
 
 
 class _ErrorLog(logging.Handler):

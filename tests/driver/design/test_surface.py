@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 
 from driver.case.model import Case, load_case
 from driver.common.errors import InputError
@@ -51,6 +53,18 @@ def test_the_squared_slopes_of_noisy_repeats_are_those_of_the_pattern(tmp_path: 
     found = expected_surface(noisy, Settings(), history)
     assert "% of the squared slopes are noise" in found.told
     assert np.mean(found.images.gradient**2) == pytest.approx(clean, rel=0.05)
+
+
+def test_a_surface_with_flats_can_be_handed_to_another_process(tmp_path: Path) -> None:
+    case, history = own_case(tmp_path), closed_form.history()
+    levels = np.random.default_rng(2).normal(size=(3, *closed_form.SHAPE)).astype(np.float32)
+    tifffile.imwrite(tmp_path / "flats.tif", levels, photometric="minisblack")
+    images = case.images.model_copy(update={"flats": "flats.tif"})
+    found = expected_surface(case.model_copy(update={"images": images}), Settings(), history)
+    handed = pickle.loads(pickle.dumps(found))
+    assert found.experiment.flats is not None
+    for here, there in zip(found.experiment.flats, handed.experiment.flats, strict=True):
+        assert np.array_equal(here, there)
 
 
 def test_without_repeats_a_virtual_face_is_taken(tmp_path: Path) -> None:
