@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 
 from driver.case.model import Case
-from driver.diagnosis.causes.ebsd_flips import FLIPS, half_turn
+from driver.diagnosis.causes.ebsd_flips import FLIPS, frame_turn
 from driver.experiment.history import History
 from driver.forward.build import adapter_of, build_model, mesh_of
 from driver.virtual.truth import Course
@@ -85,7 +85,7 @@ def jittered(sigma: float, seed: int, dense: int = 1) -> Course:
 
 def flipped(flip: str) -> Course:
     """Return test of a specimen whose lattices are half a turn off those that the case states."""
-    turn = half_turn([cause for cause in FLIPS if cause.name == flip])
+    turn = frame_turn([cause for cause in FLIPS if cause.name == flip])
 
     def change(simulation: Simulation, history: History) -> Simulation:
         return replace(simulation, orientations=turn @ simulation.orientations)

@@ -216,6 +216,36 @@ def read_unloaded(case: Case, history: History) -> Experiment | None:
     )
 
 
+NO_REPEATS = (
+    "images.repeats: found nothing, expected repeated images of the unloaded surface "
+    "(their mean is the reference, their scatter the noise)"
+)
+NO_FRAMES = 'images.frames: found nothing (boundary.motion = "stage" does without), expected images'
+
+
+def refuse_absent_images(case: Case) -> None:
+    """Refuse a case whose images are not named or not there, before anything is computed.
+
+    Raises:
+        ExperimentError: frames or repeats are not named, or a file is not there; a line each.
+    """
+    problems: list[str] = []
+    for key, missing in (
+        ("frames", NO_FRAMES), ("repeats", NO_REPEATS), ("flats", ""), ("mask", ""),
+        ("noise_map", ""),
+    ):  # fmt: skip
+        name: str | None = getattr(case.images, key)
+        if name is None:
+            problems += filter(None, [missing])
+            continue
+        try:
+            files_of(split_dataset(case.path(name))[0])
+        except Refused as refused:
+            problems.append(str(stack_error(case, key, refused.found, refused.expected)))
+    if problems:
+        raise ExperimentError("\n".join(problems))
+
+
 def _is_there(case: Case, key: str) -> bool:
     name: str | None = getattr(case.images, key)
     if name is None:
@@ -313,9 +343,7 @@ def _stack(case: Case, key: str, name: str, like: Stack | None) -> Stack:
 def _frames(case: Case, history: History | None) -> tuple[Stack, Seen]:
     """Return the frames, and what a look at each has found."""
     if case.images.frames is None:
-        raise ExperimentError(
-            'images.frames: found nothing (boundary.motion = "stage" does without), expected images'
-        )
+        raise ExperimentError(NO_FRAMES)
     stack = _stack(case, "frames", case.images.frames, None)
     if history is not None and len(stack) != history.n_images:
         gap = f" ({stack.gap})" if stack.gap else ""

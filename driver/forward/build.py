@@ -17,7 +17,7 @@ from driver.experiment.history import History, knot_weights
 from driver.experiment.images.flatfield import FlatField, flat_pattern
 from driver.experiment.images.reference import Reference, build_reference
 from driver.experiment.orientations import orientations_of, rotation_scales
-from driver.experiment.reading import Experiment
+from driver.experiment.reading import NO_REPEATS, Experiment
 from driver.forward.boundary_motion import BoundaryMotion
 from driver.forward.instrument import Instrument
 from driver.forward.mesh_extrapolation import extrapolated_with
@@ -296,10 +296,7 @@ def reference_of(case: Case, experiment: Experiment, flat: FlatField | None) -> 
 
 def _repeats(experiment: Experiment) -> FloatArray:
     if experiment.repeats is None:
-        raise InputError(
-            "images.repeats: found nothing, expected repeated images of the unloaded surface "
-            "(their mean is the reference, their scatter the noise)"
-        )
+        raise InputError(NO_REPEATS)
     return experiment.repeats
 
 

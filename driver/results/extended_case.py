@@ -16,7 +16,7 @@ from driver.case.material import MaterialTable
 from driver.case.model import Case
 from driver.diagnosis.answer.result_types import Diagnosis
 from driver.diagnosis.causes.causes import Cause
-from driver.diagnosis.causes.ebsd_flips import half_turn
+from driver.diagnosis.causes.ebsd_flips import frame_turn
 from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.experiment.reading import as_in_files
 from driver.parameters.boundary import LAMBDAS
@@ -38,7 +38,7 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     }
     if SIGMA_E.name in found.levels:
         stated[SIGMA_E.key] = SIGMA_E.reading[0] * found.levels[SIGMA_E.name][0]
-    started = with_half_turns(case.with_values_at(stated), found.causes)
+    started = with_frame_turns(case.with_values_at(stated), found.causes)
     freed = {
         name: _within_bounds(name, values[name], started.material)
         for name in (*case.extensions, *added_parameters(found))
@@ -74,10 +74,10 @@ def added_parameters(found: Diagnosis) -> tuple[str, ...]:
     return tuple(name for name in dict.fromkeys(every) if name not in found.baseline.best.free)
 
 
-def with_half_turns(case: Case, causes: Sequence[Cause]) -> Case:
+def with_frame_turns(case: Case, causes: Sequence[Cause]) -> Case:
     """Return the case with its EBSD frame turned as those of the causes that are flips turn it."""
     given = np.array(case.orientation.ebsd_to_specimen)
-    rows = tuple(map(tuple, (half_turn(causes) @ given + 0.0).tolist()))
+    rows = tuple(map(tuple, (frame_turn(causes) @ given + 0.0).tolist()))
     return case.model_copy(
         update={"orientation": case.orientation.model_copy(update={"ebsd_to_specimen": rows})}
     )

@@ -15,7 +15,7 @@ from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.experiment.reading import history_of
 from driver.forward.build import parameters_of
 from driver.results.advice import Advice, write_advice
-from driver.results.extended_case import with_half_turns
+from driver.results.extended_case import with_frame_turns
 from driver.results.files import DIAGNOSIS, job_store
 from driver.results.json_files import read_json
 from driver.workflow.engine import StageContext
@@ -58,7 +58,7 @@ def _changes(
     """
     logger.info(f"  which added measurement would part {', '.join(causes)}")
     flips = [flip for flip in FLIPS if flip.name in diagnosis["flips"]]
-    case = with_half_turns(context.case, flips)
+    case = with_frame_turns(context.case, flips)
     history = history_of(case)
     declared = parameters_of(case, history.n_knots)
     # What was dropped and added again stands in two rounds.

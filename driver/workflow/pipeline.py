@@ -18,7 +18,7 @@ from driver.common.formatting import cost_told, joined
 from driver.diagnosis.causes.user_causes import asked_causes
 from driver.experiment.held_out import held_out_cycle
 from driver.experiment.history import travel_told
-from driver.experiment.reading import history_of
+from driver.experiment.reading import history_of, refuse_absent_images
 from driver.forward.build import capabilities_of, mesh_of, refuse_unfit_solver
 from driver.results.files import DIAGNOSIS, IDENTIFY, job_store, make_job_store, results_of
 from driver.results.mesh_sizes import sized, sized_case
@@ -130,6 +130,8 @@ def run(
             "expected a solver that is a program of its own"
         )
     asked_causes(case)  # refused before hours of computing, not after
+    if case.with_images and until != "mesh":
+        refuse_absent_images(case)
     use_threads(case.execution.processes * case.execution.threads)
     mesh, history = mesh_of(case, case.specimen.mesh_size), history_of(case)
     if solver.uses_workspace and case.execution.store is not None:

@@ -1,10 +1,12 @@
-"""Discrete mistakes of the EBSD frame: half turns about the axes of the specimen.
+"""Discrete mistakes of the EBSD frame: half turns about the axes of the specimen, quarter turns.
 
 A flip has no parameter and no sensitivity: it is another set of orientations, tried as it is.
 Cubic crystals have a centre of symmetry, so that a mirrored frame (a coordinate of the wrong sign,
 a left-handed frame) is the half turn about the axis across the mirror: diag(−1, 1, 1) = −diag(1,
 −1, −1). Where half turns about the axes of the EBSD frame are meant, they are the same three
-as long as these axes are parallel to those of the specimen, in any order and sense.
+as long as these axes are parallel to those of the specimen, in any order and sense. Quarter turns
+about the normal and half turns about the diagonals of the face exchange X and Y: a map put in
+across, and what lies between the frames of one manufacturer and of another.
 """
 
 from __future__ import annotations
@@ -23,24 +25,49 @@ ODDS = 0.01
 SAME = 0.5
 """Disorientation [degrees] below which two lattices are the same: that of good EBSD itself."""
 
-FLIPS: tuple[Cause, ...] = tuple(
-    Cause(
-        f"ebsd_flip_{axis}", "microstructure", (),
-        f"the EBSD frame is turned by half a turn about the {axis.upper()} axis of the specimen",
-        "a mark on the specimen that EBSD map and images both show, and the sign conventions of "
-        "the EBSD software",
+_CHECK = (
+    "a mark on the specimen that EBSD map and images both show, and the sign conventions of the "
+    "EBSD software"
+)
+
+
+def _flip(name: str, turn: str) -> Cause:
+    of = "" if "diagonal" in turn else " axis of the specimen"
+    return Cause(
+        f"ebsd_{name}", "microstructure", (),
+        f"the EBSD frame is turned by {turn}{of}",
+        _CHECK,
         odds=ODDS,
-        label=f"EBSD frame turned by half a turn about {axis.upper()}",
-    )
-    for axis in "xyz"
-)  # fmt: skip
+        label=f"EBSD frame turned by {turn if not of else turn.replace('the ', '')}",
+    )  # fmt: skip
+
+
+HALF_TURNS: tuple[Cause, ...] = tuple(
+    _flip(f"flip_{axis}", f"half a turn about the {axis.upper()}") for axis in "xyz"
+)
+ACROSS: tuple[Cause, ...] = (
+    _flip("quarter_z", "a quarter turn (X to Y) about the Z"),
+    _flip("quarter_minus_z", "a quarter turn (Y to X) about the Z"),
+    _flip("flip_xy", "half a turn about the diagonal between X and Y"),
+    _flip("flip_minus_xy", "half a turn about the diagonal between X and −Y"),
+)
+"""Those that exchange X and Y."""
+FLIPS: tuple[Cause, ...] = (*HALF_TURNS, *ACROSS)
 
 _TURNS = {
-    flip.name: np.diag(signs)
-    for flip, signs in zip(
-        FLIPS, ([1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]), strict=True
+    flip.name: np.array(turn)
+    for flip, turn in zip(
+        FLIPS,
+        (
+            np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, -1.0]), np.diag([-1.0, -1.0, 1.0]),
+            [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+            [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+            [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]],
+            [[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]],
+        ),
+        strict=True,
     )
-}
+}  # fmt: skip
 
 
 def _cubic_rotations() -> FloatArray:
@@ -56,7 +83,7 @@ def _cubic_rotations() -> FloatArray:
 _CUBIC = _cubic_rotations()
 
 
-def half_turn(causes: Sequence[Cause]) -> FloatArray:
+def frame_turn(causes: Sequence[Cause]) -> FloatArray:
     """Return the rotation of the specimen frame by the flips among these causes, shape (3, 3)."""
     turn = np.eye(3)
     for cause in causes:
@@ -90,8 +117,9 @@ def flips_of(
     for flip in FLIPS:
         if wanted is not None and flip.name not in wanted:
             continue
-        alike = [other.title for other in kept if _same((flip, other), orientations)]
-        if _same((flip,), orientations):
+        turn = frame_turn((flip,))
+        alike = [o.title for o in kept if _same(frame_turn((o,)).T @ turn, orientations)]
+        if _same(turn, orientations):
             left.append(NotExamined(flip.name, "it changes no lattice of this specimen"))
         elif alike:
             left.append(NotExamined(flip.name, f"it makes the same lattices as {alike[0]}"))
@@ -100,7 +128,6 @@ def flips_of(
     return tuple(kept), tuple(left)
 
 
-def _same(flips: Sequence[Cause], orientations: FloatArray) -> bool:
-    """Whether flips one after the other leave every lattice as it is."""
-    turn = half_turn(flips)
+def _same(turn: FloatArray, orientations: FloatArray) -> bool:
+    """Whether a turn of the specimen frame leaves every lattice as it is."""
     return all(disorientation(turn, orientation) < SAME for orientation in orientations)

@@ -13,7 +13,7 @@ from driver.common.parallel import side_by_side
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.candidates import NotExamined
 from driver.diagnosis.causes.causes import Cause
-from driver.diagnosis.causes.ebsd_flips import half_turn
+from driver.diagnosis.causes.ebsd_flips import frame_turn
 from driver.diagnosis.search.refit import MOST_FROM_AFAR, Executor, Start, nominal, refit_from
 from driver.diagnosis.statistics.score_test import Score
 from driver.forward.model import ForwardModel
@@ -46,7 +46,7 @@ def not_warranted(flips: Sequence[Cause]) -> FlipTrial:
 
 def turned(model: ForwardModel, causes: Sequence[Cause]) -> ForwardModel:
     """Return the model with its measured orientations as the flips among these causes have them."""
-    return model.with_orientations(half_turn(causes) @ model.microstructure.orientations)
+    return model.with_orientations(frame_turn(causes) @ model.microstructure.orientations)
 
 
 def try_flips(
@@ -58,9 +58,10 @@ def try_flips(
 ) -> FlipTrial:
     """Evaluate each flip from two starts, and refit where a first step promises enough.
 
-    The one start is the baseline: a flip leaves the Schmid factors along Y as they are, and with
-    them most of what the loads say of the law. The other one is the nominal model (means of the
-    priors; knots, which have none, stay), for what the baseline has bent to imitate a flip.
+    The one start is the baseline: a half turn about an axis leaves the Schmid factors along Y as
+    they are, and with them most of what the loads say of the law. The other one is the nominal
+    model (means of the priors; knots, which have none, stay), for what the baseline has bent to
+    imitate a flip, and for flips that exchange X and Y.
 
     Args:
         flips: the flips.

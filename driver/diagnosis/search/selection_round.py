@@ -236,7 +236,7 @@ def _flips(
     executor: Executor,
 ) -> FlipTrial:
     """Trial of the EBSD flips where it is warranted: each costs a simulation, or a refit."""
-    if set(added) & set(FLIPS):  # two half turns make the third
+    if set(added) & set(FLIPS):  # two of them make another one, or none
         return FlipTrial()
     flips, _ = flips_of(objective.model.microstructure.orientations, wanted)
     nothing = not refits or refits[0].log_evidence <= WORTH

@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from driver.case.images import Axis, Images
 from driver.case.model import default_case, load_case, write_case
-from driver.experiment.reading import arrange, as_in_files, heights, origin, read_experiment
+from driver.experiment.reading import (
+    arrange,
+    as_in_files,
+    heights,
+    origin,
+    read_experiment,
+    refuse_absent_images,
+)
 from driver.experiment.stack_checks import ExperimentError
 
 Arrangement = tuple[Axis, Axis, Literal["+Z", "-Z"]]
@@ -283,3 +290,21 @@ def test_everything_that_is_wrong_is_told_at_once(folder: Path) -> None:
     assert len(told) == 5
     for line, name in zip(told, ("history", "images", "flats", "repeats", "mask"), strict=True):
         assert f"{folder / name}." in line and "found no" in line
+
+
+def test_images_that_are_not_named_or_not_there_are_told_at_once(tmp_path: Path) -> None:
+    case = default_case().with_values_at(
+        {"images.frames": None, "images.repeats": None, "images.flats": None}
+    )
+    with pytest.raises(ExperimentError) as error:
+        refuse_absent_images(case)
+    frames, repeats = str(error.value).splitlines()
+    assert frames.startswith("images.frames: found nothing")
+    assert repeats.startswith("images.repeats: found nothing, expected repeated images of the")
+    for name in ("a.npy", "b.npy"):
+        np.save(tmp_path / name, np.zeros((2, 3, 4)))
+    names = {"frames": "a.npy", "repeats": "b.npy", "flats": "gone_*.tif"}
+    there = case.with_values_at({f"images.{key}": str(tmp_path / n) for key, n in names.items()})
+    with pytest.raises(ExperimentError, match=r"gone_\*.tif: images.flats: found no image"):
+        refuse_absent_images(there)
+    refuse_absent_images(there.with_values_at({"images.flats": None}))

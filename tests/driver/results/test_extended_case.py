@@ -13,7 +13,7 @@ from driver.case.model import Case, load_case, write_case
 from driver.case.solver import ProfileTable
 from driver.diagnosis.answer.result_types import BadLoad
 from driver.diagnosis.causes.causes import LIBRARY, Cause
-from driver.diagnosis.causes.ebsd_flips import FLIPS, half_turn
+from driver.diagnosis.causes.ebsd_flips import FLIPS, frame_turn
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE, NOISE_NOT_UNIFORM
 from driver.experiment.orientations import orientations_of
 from driver.experiment.reading import arrange
@@ -151,7 +151,7 @@ def test_a_named_flip_turns_the_frame_of_the_extended_case(flip: Cause, tmp_path
     write_case(extended(case, {"tau0": 30.0}, flip), path)
     turned = load_case(path)
     assert turned.extensions == {}
-    np.testing.assert_allclose(orientations_of(turned), half_turn((flip,)) @ orientations_of(case))
+    np.testing.assert_allclose(orientations_of(turned), frame_turn((flip,)) @ orientations_of(case))
     assert extended(case, {"tau0": 30.0}).orientation == case.orientation
 
 

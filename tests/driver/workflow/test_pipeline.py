@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from driver.case.grains import Grain
-from driver.case.model import Case, CaseError, load_case, schema
+from driver.case.model import Case, CaseError, load_case, schema, write_case
 from driver.common.errors import InputError
 from driver.common.progress import progress_to
 from driver.forward import build
@@ -346,6 +346,17 @@ def test_a_diagnosis_that_cannot_be_asked_for_is_one_sentence(
     assert not any("started" in line for line in lines)
     # What was found before is still there.
     assert (copied.results / "diagnosis.json").is_file()
+
+
+def test_a_run_without_repeats_ends_before_anything_is_meshed(
+    copied: Run, lines: list[str]
+) -> None:
+    case = load_case(copied.path).with_values_at({"images.repeats": None})
+    write_case(case, copied.path)
+    with pytest.raises(InputError, match="images.repeats: found nothing"):
+        pipeline.run(copied.path, None, True)
+    assert not any("started" in line for line in lines)
+    pipeline.run(copied.path, "mesh")
 
 
 class Narrow(closed_form.ClosedFormSolver):
