@@ -6,6 +6,7 @@ import random
 import re
 import struct
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -15,6 +16,7 @@ import h5py
 import imagecodecs
 import meshio
 import numpy as np
+import psutil
 import tifffile
 
 from driver.batch.campaign import read_campaign
@@ -179,6 +181,17 @@ def fault_of(kind: Kind, path: Path) -> str:
     except BaseException as error:
         return f"{type(error).__name__}: {error}"
     return ""
+
+
+def seconds_of(process: int) -> float:
+    """Time of the processor of a process and all that it has started [s]."""
+    worker = psutil.Process(process)
+    own = worker.cpu_times()
+    seconds = float(own.user + own.system + own.children_user + own.children_system)
+    for child in worker.children():
+        with suppress(psutil.Error):
+            seconds += sum(child.cpu_times()[:2])
+    return seconds
 
 
 def _begins(error: ValueError) -> bool:
