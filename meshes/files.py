@@ -123,11 +123,7 @@ def read_med(path: Path, mesh: str | None = None) -> PrismMesh:
     kind = _kind(path, file)
     points = file.getCoords().toNumPyArray().astype(np.float64).reshape(-1, 3)
     cells = _connectivity(file, kind.med)[:, kind.mirrored]
-    if cells.min() < 0 or cells.max() >= len(points):
-        raise ValueError(
-            f"{path}: found cells with the nodes {cells.min() + 1} to {cells.max() + 1}, expected "
-            f"1 to {len(points)}"
-        )
+    _refuse_other_nodes(path, "cells", cells, len(points))
     # Some writers leave cells in VTK order.
     left_handed = jacobians(points, cells)[:, -1] < 0
     cells[left_handed] = cells[left_handed][:, kind.mirrored]
@@ -138,6 +134,8 @@ def read_med(path: Path, mesh: str | None = None) -> PrismMesh:
     if loose:
         raise ValueError(f"{path}: {loose} of {len(points)} nodes belong to no cell")
     faces = {name: _faces(path, file, name, kind, cells) for name in FACE_GROUPS}
+    for name, nodes in faces.items():
+        _refuse_other_nodes(path, f"faces of {name}", nodes, len(points))
     return PrismMesh(points, cells, _grains(path, file), faces, node_groups(points, faces))
 
 
@@ -218,6 +216,12 @@ def _kinds(file: Any, level: int) -> list[int]:
 def _names(kinds: list[int]) -> str:
     names = (mc.MEDCouplingMesh.GetReprOfGeometricType(kind) for kind in kinds)
     return " and ".join(name.removeprefix("NORM_") for name in names) or "of no kind"
+
+
+def _refuse_other_nodes(path: Path, what: str, nodes: IntArray, n_points: int) -> None:
+    if nodes.min() < 0 or nodes.max() >= n_points:
+        found = f"{what} with the nodes {nodes.min() + 1} to {nodes.max() + 1}"
+        raise ValueError(f"{path}: found {found}, expected 1 to {n_points}")
 
 
 def _connectivity(file: Any, kind: int) -> IntArray:

@@ -11,6 +11,8 @@ from types import ModuleType
 
 from meshes.system_libraries import SystemLibraryError, preload, private_folder
 
+_ACTION = 1024  # bytes, more than `struct sigaction` has on any system
+
 
 def load_gmsh() -> ModuleType:
     """Import gmsh after the libraries that the set-up unpacked into the virtual environment.
@@ -40,15 +42,20 @@ def running_gmsh() -> Iterator[ModuleType]:
     # Without interruptible=False gmsh takes over SIGINT, and only the main thread may do that.
     # These it gives their default in any case: a child that ends, or the end of a terminal that is
     # to be ignored, would end this process, too.
-    change = ctypes.CDLL(None).signal
-    change.argtypes, change.restype = (ctypes.c_int, ctypes.c_void_p), ctypes.c_void_p
+    # All that was set for them comes back: with `signal` of C alone a lock that is waited for would
+    # keep Python from hearing of a signal.
+    library = ctypes.CDLL(None)
+    library.signal.argtypes = (ctypes.c_int, ctypes.c_void_p)
     defaulted = (signal.SIGPIPE, signal.SIGTERM, signal.SIGHUP)
-    before = [change(each, int(signal.SIG_IGN)) for each in defaulted]
+    before = {each: ctypes.create_string_buffer(_ACTION) for each in defaulted}
+    for each, action in before.items():
+        library.sigaction(int(each), None, action)
+        library.signal(each, int(signal.SIG_IGN))
     try:
         gmsh.initialize(readConfigFiles=False, interruptible=False)
     finally:
-        for each, usual in zip(defaulted, before, strict=True):
-            change(each, usual)
+        for each, action in before.items():
+            library.sigaction(int(each), action, None)
     try:
         yield gmsh
     finally:

@@ -122,7 +122,10 @@ def read_plane_mesh(path: Path) -> PlaneMesh:
             continue
         if block.type not in _KINDS:
             raise ValueError(f"found cells of the kind {block.type}, expected {expected}")
-        blocks.setdefault(_KINDS[block.type], []).append(np.asarray(block.data, dtype=np.int64))
+        kind, nodes = _KINDS[block.type], np.asarray(block.data, dtype=np.int64)
+        if nodes.shape[1:] != (CELLS[kind].n_nodes,):
+            raise ValueError(f"found {kind} cells of shape {nodes.shape}, expected {expected}")
+        blocks.setdefault(kind, []).append(nodes)
     if len(blocks) != 1:
         found = " and ".join(sorted(blocks)) or "none of these cells"
         raise ValueError(f"found {found}, expected {expected}, all cells of one kind")

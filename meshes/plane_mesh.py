@@ -58,9 +58,11 @@ class PlaneMesh:
         if unused.size:
             raise ValueError(f"node {unused[0]} belongs to no cell; every node needs one.")
         slopes = cell.gradient(cell.nodes)
-        x, y = (self.points[self.cells, axis] @ slopes.transpose(2, 1, 0) for axis in (0, 1))
-        determinants = x[0] * y[1] - x[1] * y[0]
-        folded = np.flatnonzero(np.abs(np.sign(determinants).sum(axis=1)) < cell.n_nodes)
+        with np.errstate(over="ignore", invalid="ignore"):  # of points that are out of all bounds
+            x, y = (self.points[self.cells, axis] @ slopes.transpose(2, 1, 0) for axis in (0, 1))
+            determinants = x[0] * y[1] - x[1] * y[0]
+        whole = np.abs(np.sign(determinants).sum(axis=1)) == cell.n_nodes
+        folded = np.flatnonzero(~whole)
         if folded.size:
             raise ValueError(f"cell {folded[0]} is folded or flat; no pixel can be placed in it.")
 

@@ -11,13 +11,23 @@ from typing import Any
 
 STOPPED = 130
 """Exit code after a signal, as `docs/terminal.md` has it."""
+_USUAL: dict[int, Any] = {
+    signal.SIGINT: signal.default_int_handler,
+    signal.SIGTERM: signal.SIG_DFL,
+    signal.SIGHUP: signal.SIG_DFL,
+}
 
 
 def main() -> None:
     """Run the command line."""
     with _stopped_at_once():
         from driver.cli import app
-    app(prog_name="prismid")
+    try:
+        app(prog_name="prismid")
+    finally:
+        # The last word is said: another Ctrl-C would only show where Python is in its end.
+        for number in _USUAL:
+            signal.signal(number, signal.SIG_IGN)
 
 
 @contextmanager
@@ -28,17 +38,12 @@ def _stopped_at_once() -> Iterator[None]:
         os.write(sys.stderr.fileno(), b"prismid: stopped before it began\n")
         os._exit(STOPPED)
 
-    usual: dict[int, Any] = {
-        signal.SIGINT: signal.default_int_handler,
-        signal.SIGTERM: signal.SIG_DFL,
-        signal.SIGHUP: signal.SIG_DFL,
-    }
-    taken = [number for number, handler in usual.items() if signal.getsignal(number) == handler]
+    taken = [number for number, handler in _USUAL.items() if signal.getsignal(number) == handler]
     for number in taken:
         signal.signal(number, leave)
     yield
     for number in taken:
-        signal.signal(number, usual[number])
+        signal.signal(number, _USUAL[number])
 
 
 if __name__ == "__main__":

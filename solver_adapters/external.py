@@ -507,12 +507,12 @@ def _provenance(record: Record) -> Provenance:
 
 def _stored(simulation: Simulation, folder: Path, record: Record) -> Response:
     """Return the response that was stored in the folder of a job, if it is that of this job."""
-    path = folder / RESPONSE
+    path, hashed = folder / RESPONSE, RESPONSE in record.digests
     refuse_other_files(folder, record, [RESPONSE])
-    key = read_provenance(path).key
+    key = read_provenance(path, hashed).key
     if key != folder.name:
         raise ResultFileError(f"{path}: found the response of the job {key}, expected this job's")
-    response = read_response(path)
+    response = read_response(path, hashed)
     refuse_bad_response(simulation, response)
     return response
 

@@ -14,11 +14,13 @@ from typing import Any
 import h5py
 import numpy as np
 
+from meshes.guarded import can_be_read
 from solver_adapters.crystal import N_SYSTEMS
 from solver_adapters.interface import CellFields, Response, Trajectory
 from solver_adapters.result_files import ResultFileError
 
 _FORMAT, _REVISION = "prismid response", 2
+_READER = "solver_adapters.response_file:read_response"
 
 # Unit and description of each dataset; directions are differentiated in units of their own.
 _DATASETS = {
@@ -98,13 +100,18 @@ def write_response(path: Path, response: Response, provenance: Provenance) -> No
     os.replace(aside, path)
 
 
-def read_response(path: Path) -> Response:
+def read_response(path: Path, as_written: bool = False) -> Response:
     """Return the response of a file.
+
+    Args:
+        path: the file.
+        as_written: whether its checksum is that of what prismid has written; any other file is
+            tried by a process of its own first.
 
     Raises:
         ResultFileError: the file is absent, empty, truncated, foreign, incomplete or damaged.
     """
-    with _opened(path) as file, _told(path):
+    with _opened(path, as_written) as file, _told(path):
         values: dict[str, Any] = {name: _take(path, file, name) for name in _DATASETS}
         values |= {name: int(values[name]) for name in _COUNTS}
         values["seconds"] = {
@@ -123,13 +130,17 @@ def read_response(path: Path) -> Response:
     return response
 
 
-def read_provenance(path: Path) -> Provenance:
+def read_provenance(path: Path, as_written: bool = False) -> Provenance:
     """Where the response of a file comes from.
+
+    Args:
+        path: the file.
+        as_written: as of `read_response`.
 
     Raises:
         ResultFileError: as `read_response`.
     """
-    with _opened(path) as file, _told(path):
+    with _opened(path, as_written) as file, _told(path):
         attributes: Mapping[str, Any] = file.attrs
         return Provenance(**{item.name: str(attributes[item.name]) for item in fields(Provenance)})
 
@@ -205,12 +216,14 @@ def _put(group: h5py.Group, name: str, value: Any, unit: str, description: str) 
     dataset.attrs["unit"], dataset.attrs["description"] = unit, description
 
 
-def _opened(path: Path) -> h5py.File:
+def _opened(path: Path, as_written: bool) -> h5py.File:
     expected = "expected a response that prismid has written"
     if not path.is_file():
         raise ResultFileError(f"{path}: found nothing, {expected}")
     if not path.stat().st_size:
         raise ResultFileError(f"{path}: found an empty file, {expected}")
+    if not (as_written or can_be_read(_READER, path)):
+        raise ResultFileError(f"{path}: found HDF5 that cannot be read, {expected}")
     try:
         file = h5py.File(path, "r")
     except OSError as error:

@@ -6,6 +6,7 @@ import random
 import re
 import struct
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -15,6 +16,7 @@ import h5py
 import imagecodecs
 import meshio
 import numpy as np
+import psutil
 import tifffile
 
 from driver.batch.campaign import read_campaign
@@ -43,7 +45,14 @@ from solver_adapters.calculix.sta import reached, read_increments
 from solver_adapters.code_aster.force_table import read_resultants
 from solver_adapters.code_aster.listing import cause, diagnose
 from solver_adapters.code_aster.result import read_steps
-from solver_adapters.interface import SolverError
+from solver_adapters.code_aster.rmed import ResultFile
+from solver_adapters.interface import Response, SolverError
+from solver_adapters.response_file import (
+    Provenance,
+    read_provenance,
+    read_response,
+    write_response,
+)
 from solver_adapters.result_files import ResultFileError
 from tools.boxes import box
 
@@ -174,6 +183,17 @@ def fault_of(kind: Kind, path: Path) -> str:
     return ""
 
 
+def seconds_of(process: int) -> float:
+    """Time of the processor of a process and all that it has started [s]."""
+    worker = psutil.Process(process)
+    own = worker.cpu_times()
+    seconds = float(own.user + own.system + own.children_user + own.children_system)
+    for child in worker.children():
+        with suppress(psutil.Error):
+            seconds += sum(child.cpu_times()[:2])
+    return seconds
+
+
 def _begins(error: ValueError) -> bool:
     return str(error).startswith("found ")
 
@@ -231,6 +251,35 @@ def _read_results(path: Path) -> None:
     if "final/motion" in stored and stored["final/motion"].shape:
         list(stored["final/motion"])
     read_identification(path)
+
+
+def _code_aster_results(path: Path) -> None:
+    mesh = box()
+    write_med(mesh, path)
+    values = np.arange(2.0 * len(mesh.points) * 3).reshape(2, -1, 3)
+    fields = [
+        MedField(f"U_______{name}", "nodes", ("DX", "DY", "DZ"), ("um",) * 3, _INSTANTS, values)
+        for name in ("DEPL", "REAC_NODA")
+    ]
+    add_med_fields(path, fields)
+
+
+def _read_code_aster_results(path: Path) -> None:
+    file = ResultFile(path)
+    file.require_mesh(box())
+    file.nodal("DEPL", _INSTANTS).pick("DX", "DY", "DZ")
+    file.nodal("REAC_NODA", _INSTANTS).pick("DY")
+
+
+def _response(path: Path) -> None:
+    moved, force = np.ones((2, 4, 3)), np.ones(2)
+    response = Response(moved, force, np.ones((1, 2, 4, 3)), np.ones((1, 2)), notes=("a note",))
+    write_response(path, response, Provenance("bar", "1", "key"))
+
+
+def _read_response(path: Path) -> None:
+    read_provenance(path)
+    read_response(path)
 
 
 def _text(*lines: str) -> Callable[[Path], object]:
@@ -329,6 +378,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("MED mesh", "prism.med", _prism, read_med),
     Kind("MED results", "fields.med", _with_fields, read_med_fields),
     Kind("HDF5 results", "identify.h5", _identified, _read_results),
+    Kind("stored response", "response.h5", _response, _read_response),
     Kind(
         "stages.json", "stages.json",
         _text('{"mesh": {"key": "a", "outputs": ["mesh.med"], "seconds": 1.5}}'),
@@ -350,6 +400,7 @@ KINDS: tuple[Kind, ...] = (
         ),
         _increments,
     ),
+    Kind("Code_Aster results", "nodes.rmed", _code_aster_results, _read_code_aster_results),
     Kind(
         "Code_Aster listing", "job.mess",
         _text(

@@ -94,7 +94,7 @@ def _numbers(path: Path, rows: list[str], width: int, what: str) -> FloatArray:
 
 
 def _of_nodes(path: Path, table: FloatArray, nodes: IntArray) -> FloatArray:
-    numbers = table[:, 0].astype(np.int64) - 1
+    numbers = table[:, 0] - 1  # as they are: a damaged one need not fit a whole number
     order = np.argsort(numbers)
     place = np.clip(np.searchsorted(numbers, nodes, sorter=order), 0, max(len(numbers) - 1, 0))
     missing = nodes if not len(numbers) else nodes[numbers[order[place]] != nodes]

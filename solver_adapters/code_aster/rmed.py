@@ -16,6 +16,7 @@ from solver_adapters.result_files import ResultFileError
 
 # The name of a field is that of its concept, padded to eight signs, and its own: U_______DEPL.
 _CONCEPT, _PADDING = 8, "_ "
+_CELLS = 0  # level of a MED mesh, relative to its dimension
 _SAME_INSTANT = 1e-6  # of the time, as Code_Aster compares instants
 _SAME_PLACE = 1e-6  # µm
 _OWNERS: dict[Place, str] = {"nodes": "nodes", "points": "cells"}
@@ -67,7 +68,12 @@ class ResultFile:
             ResultFileError: the nodes or cells are others.
         """
         points = self._file.mesh.getCoords().toNumPyArray()
-        cells = self._file.mesh.getMeshAtLevel(0)
+        if _CELLS not in self._file.mesh.getNonEmptyLevels():
+            found = f"a mesh of {len(points)} nodes without cells"
+            raise ResultFileError(
+                f"{self.path}: found {found}, expected the {len(mesh.cells)} of the simulation"
+            )
+        cells = self._file.mesh.getMeshAtLevel(_CELLS)
         if points.shape != mesh.points.shape or cells.getNumberOfCells() != len(mesh.cells):
             raise ResultFileError(
                 f"{self.path}: found a mesh of {len(points)} nodes and {cells.getNumberOfCells()} "
@@ -106,7 +112,7 @@ class ResultFile:
         Raises:
             ResultFileError: the field or an instant is missing, or the field is incomplete.
         """
-        n_cells = self._file.mesh.getMeshAtLevel(0).getNumberOfCells()
+        n_cells = self._file.mesh.getMeshAtLevel(_CELLS).getNumberOfCells()
         return self._field(name, instants, "points", n_cells)
 
     def _field(self, name: str, instants: FloatArray, place: Place, count: int) -> Field:

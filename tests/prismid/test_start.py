@@ -51,6 +51,16 @@ def test_a_user_without_a_home_makes_a_case(tmp_path: Path, home: str | None) ->
     assert (found.returncode, found.stderr) == (0, "")
 
 
+def test_a_second_ctrl_c_as_python_ends_shows_no_traceback(tmp_path: Path) -> None:
+    code = (
+        "import atexit, os, signal\n"
+        "atexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))\n"
+        "from prismid.__main__ import main; main()"
+    )
+    found = called(tmp_path, "-c", code, "--version")
+    assert (found.returncode, found.stderr) == (0, "")
+
+
 def test_a_terminal_without_our_signs_gets_others_in_their_place(tmp_path: Path) -> None:
     environment = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"}
     found = called(tmp_path, "-m", "prismid", "init", "für σ", **environment)

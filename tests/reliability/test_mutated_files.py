@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from time import perf_counter
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tools.mutated_files import KINDS, Kind, fault_of, mutated
+from tools.mutated_files import KINDS, Kind, fault_of, mutated, seconds_of
 
-LONGEST = 10.0  # s, for one file
+LONGEST = 10.0  # s of the processor, for one file
 KIND = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 SEEDS = st.integers(0, 2**32 - 1)
+# Damage that has ended in another error: numbers of nodes beyond all bounds, or none of them.
+ONCE_MISSED = (
+    ("plane mesh .msh", 28), ("plane mesh .msh", 331), ("plane mesh .msh", 473),
+    ("plane mesh .msh", 1511), ("CalculiX .dat", 572), ("MED mesh", 606), ("MED mesh", 2461),
+    ("Code_Aster results", 846),
+)  # fmt: skip
 
 
 def few(examples: int) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -30,9 +36,9 @@ def ends_in_a_sentence(kind: Kind, seed: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / kind.file
         path.write_bytes(mutated(kind.content(), seed))
-        start = perf_counter()
+        before = seconds_of(os.getpid())
         assert fault_of(kind, path) == "", f"seed {seed}"
-        assert perf_counter() - start < LONGEST, f"seed {seed}"
+        assert seconds_of(os.getpid()) - before < LONGEST, f"seed {seed}"
 
 
 @KIND
@@ -49,6 +55,11 @@ def test_a_file_with_a_little_damage_is_read_or_refused_in_a_sentence(kind: Kind
         ends_in_a_sentence(kind, seed)
 
     holds()
+
+
+@pytest.mark.parametrize(("name", "seed"), ONCE_MISSED)
+def test_damage_that_was_missed_once_is_told(name: str, seed: int) -> None:
+    ends_in_a_sentence(next(kind for kind in KINDS if kind.name == name), seed)
 
 
 @pytest.mark.slow
