@@ -199,6 +199,8 @@ def facts(findings: Findings) -> list[tuple[str, str]]:
     s = case.specimen
     grains = "; ".join(map(_orientation, case.grains, grain_orientations(case)))
     peak = float(np.nanmax(fitted_loads(case, m["force"])))
+    ratio = findings.travel_ratio
+    ends = [("motion of the ends", ratio.sentence())] if ratio else []
     left = [str(frame) for frame, out in enumerate(m["left_out"]) if out]
     fate = "is unlike its" if len(left) == 1 else "are unlike their"
     but = f"; {joined(left)} {fate} neighbours and not fitted but for the load" if left else ""
@@ -219,6 +221,7 @@ def facts(findings: Findings) -> list[tuple[str, str]]:
                   f"{number(findings.noise_factor)} times that of the repeats"),
         ("test", f"{int(m['cycle'].max())} cycles, stage travel up to {m['stage'].max():g} µm, "
                  f"load up to {number(peak, 4)} µN"),
+        *ends,
     ]  # fmt: skip
 
 

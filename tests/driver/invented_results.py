@@ -178,6 +178,8 @@ def _write_measured(path: Path, time: FloatArray, rng: np.random.Generator) -> N
             "phase": (np.array(PHASE), "1"),
             "grip/nominal": (12.0 / 32e3, "1"),
             "grip/sigma": (0.0005, "µm"),
+            "grip/unpenalised_sigma": (np.inf, "µm"),
+            "elongation_unpenalised": (np.zeros(T), "µm"),
         },
     )
     for name in FIGURES:
@@ -337,6 +339,8 @@ def diagnosis() -> dict[str, Any]:
         },
         "numerics": {"effect_sigma": 0.31, "on": "grain_contrast", "passed": True,
                      "off_by_mesh": {"tau0_grain2": 0.0072}},
+        "warnings": ["far off the prior, in widths of it: d by +3.4"],
+        "travel_ratio": {"value": 5.1e-4, "sigma": 0.05e-4, "of_phases": 0.9e-4},
         "baseline": _fitted(),
         "extended": _fitted(copy.deepcopy(added).items()),
         "steps": [
