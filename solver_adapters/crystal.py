@@ -39,6 +39,15 @@ _NORMALS_DIRECTIONS = (
 )
 
 
+def system_name(system: int) -> str:
+    """Return plane and direction of a slip system, such as `(0 1 1) [1 1 −1]`."""
+    plane, direction = (
+        " ".join(str(index).replace("-", "−") for index in indices)
+        for indices in _NORMALS_DIRECTIONS[system]
+    )
+    return f"({plane}) [{direction}]"
+
+
 def slip_systems() -> tuple[FloatArray, FloatArray]:
     """Return unit slip directions m and plane normals n in crystal axes, each of shape (24, 3)."""
     table = np.array(_NORMALS_DIRECTIONS, dtype=np.float64)

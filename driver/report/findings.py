@@ -15,6 +15,7 @@ from driver.experiment.history import History, knot_weights, read_history
 from driver.forward.boundary_motion import BoundaryMotion
 from driver.forward.build import parameters_of
 from driver.forward.geometry import boundary_trace
+from driver.identification.slip_activity import SlipActivity
 from driver.identification.travel_ratio import TravelRatio
 from driver.report.identified import IdentifiedParameter, estimates
 from driver.report.measured import DATASETS, MeasuredMotion, measured_motion, peaks
@@ -37,7 +38,7 @@ from driver.results.files import (
     present,
 )
 from driver.results.hdf5 import damaged, read_hdf5
-from driver.results.identification import read_identification
+from driver.results.identification import read_identification, written_slip
 from driver.results.json_files import read_json
 from driver.results.stage_record import read_record
 from meshes.arrays import FloatArray
@@ -155,6 +156,11 @@ class Findings:
         if "travel_ratio" not in self.identified:
             return None
         return TravelRatio(*self.identified["travel_ratio"].tolist())
+
+    @property
+    def slip(self) -> SlipActivity | None:
+        """Slips of the final model, None of a solver that tells none."""
+        return written_slip(self.predicted if self.diagnosed else self.identified)
 
     @property
     def load_noise(self) -> float:

@@ -21,6 +21,7 @@ from driver.report.labels import cause_label
 from driver.report.measured_texts import difference_text, texts
 from driver.report.plotting_library import FLAT, SOLID, bundle, licence
 from driver.report.references import REFERENCES
+from driver.report.slip import slip_section
 from driver.report.style import INDEXED, data_uri
 from driver.report.tables import cause_rows, localisation_rows, parameter_rows
 from driver.report.verdict import tests_told
@@ -68,6 +69,7 @@ def report_page(
         "difference": difference_text(findings.motion, _difference(findings)),
         "chi_text": chi_text(findings),
         "identified": identification(findings),
+        "slip": slip_section(findings),
         "groups": [group for group in shifts if group[0] in _FEW],
         "other_groups": [group for group in shifts if group[0] not in _FEW],
         "figures": {name: data_uri(image) for name, image in figures.items()},

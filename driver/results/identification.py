@@ -19,6 +19,7 @@ from driver.identification.identifiability import far_off_told, prior_shares, ru
 from driver.identification.identify import Identification
 from driver.identification.kinematic_hessian import kinematic_hessian
 from driver.identification.problem import IdentificationProblem
+from driver.identification.slip_activity import SlipActivity, slip_activity
 from driver.identification.step_error import StepError
 from driver.identification.travel_ratio import TravelRatio, travel_ratio
 from driver.parameters.boundary import LAMBDAS
@@ -220,6 +221,29 @@ def _written(datasets: Mapping[str, FloatArray], of: str) -> Trajectory | None:
     return Trajectory(datasets[f"{of}/times"], datasets[f"{of}/displacement"])
 
 
+def slip_arrays(slip: SlipActivity | None) -> Arrays:
+    """Return the datasets of the slips of a model, none of a solver that tells none."""
+    if slip is None:
+        return {}
+    return {
+        "slip/images": (slip.images, "1"),
+        "slip/grains": (slip.of_grains, "1"),
+        "slip/cells": (slip.of_cells, "1"),
+    }
+
+
+def written_slip(datasets: Mapping[str, FloatArray]) -> SlipActivity | None:
+    """Return the slips of a model, None where none were told.
+
+    Args:
+        datasets: those of `identify.h5` or `diagnosis.h5` by name.
+    """
+    if "slip/cells" not in datasets:
+        return None
+    images = datasets["slip/images"].astype(np.int64)
+    return SlipActivity(images, datasets["slip/grains"], datasets["slip/cells"])
+
+
 def _travel_ratio(ratio: TravelRatio | None) -> Arrays:
     return {} if ratio is None else {"travel_ratio": (np.array(astuple(ratio)), "1")}
 
@@ -320,15 +344,21 @@ def read_identification(path: Path) -> IdentificationTexts:
         raise damaged(path, f"no readable parameters ({error})") from None
 
 
-def write_fits(path: Path, fits: Mapping[str, Fit], problem: IdentificationProblem) -> None:
+def write_fits(
+    path: Path,
+    fits: Mapping[str, Fit],
+    problem: IdentificationProblem,
+    slip: SlipActivity | None,
+) -> None:
     """Write predictions and residuals of some fits.
 
     Args:
         path: file to write.
         fits: by the name that stands before their datasets.
         problem: what they started from.
+        slip: of the last of them.
     """
-    datasets: Arrays = {}
+    datasets: Arrays = slip_arrays(slip)
     for name, fit in fits.items():
         datasets |= fit_arrays(fit, problem, name)
     write_hdf5(path, datasets)
@@ -356,6 +386,7 @@ def write_with_images(
         problem.start,
         {
             "correction/motion": (np.asarray(correction.motion), "µm"),
+            **slip_arrays(slip_activity(found.objective.model, found.final)),
             **_travel_ratio(travel_ratio(found.final, found.objective.parameters, history)),
             "noise_factor": (found.objective.data.image.noise_factor, "1"),
             **{f"budget/{key}": (value, "1") for key, value in budget.items()},

@@ -30,6 +30,7 @@ from driver.identification.identifiability import far_off_told
 from driver.identification.identify import corrected_with_derivatives
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.problem import IdentificationProblem, on_another_mesh
+from driver.identification.slip_activity import slip_activity
 from driver.identification.travel_ratio import travel_ratio
 from driver.parameters.covariance import COVARIANCE_PARAMETERS, NOISE_RATIO
 from driver.results.diagnosis import diagnosis_record
@@ -131,7 +132,8 @@ def run_diagnose(context: StageContext) -> None:
         | _of_final(diagnosis.extended, problem.objective, problem.experiment.history),
     )
     fits = {"before": diagnosis.baseline, "after": diagnosis.extended}
-    write_fits(context.workdir / DIAGNOSIS_H5, fits, problem)
+    slip = slip_activity(diagnosis.objective.model, diagnosis.extended)
+    write_fits(context.workdir / DIAGNOSIS_H5, fits, problem, slip)
     if NOISE_RATIO.name in diagnosis.levels:
         write_noise_map(case, diagnosis, context.workdir / NOISE_MAP)
     write_case(extended_case(case, diagnosis), context.workdir / EXTENDED)

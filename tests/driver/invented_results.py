@@ -22,7 +22,7 @@ from driver.report.measured_figures import FIGURES
 from driver.results.hdf5 import read_hdf5, write_hdf5
 from driver.workflow.engine import StageContext
 from meshes.arrays import FloatArray, IntArray
-from meshes.files import write_med
+from meshes.files import read_med, write_med
 from meshes.prism import generate
 from tests.driver.stated_sizes import stated_case
 
@@ -245,6 +245,7 @@ def _write_identified(folder: Path) -> None:
             "final/load": (load, "µN"),
             "final/motion": (np.zeros((len(STAGE), pixels()[0].size, 3), np.float32), "µm"),
             "final/rho": (np.zeros((len(STAGE), pixels()[0].size), np.float32), "µm"),
+            **_slips(folder),
         },
         {
             "names": json.dumps(names),
@@ -279,6 +280,18 @@ def _write_identified(folder: Path) -> None:
     (folder / "stages.json").write_text(json.dumps(done), "utf-8")
 
 
+def _slips(folder: Path) -> dict[str, tuple[FloatArray, str]]:
+    """Slips that grow to 1, 2, … 24 per mille, those of grain 2 the other way round."""
+    T, n_cells = len(STAGE), len(read_med(folder / "mesh.med").cells)
+    end = 1e-3 * np.arange(1.0, 25.0)
+    grown = np.linspace(0.0, 1.0, T)[:, None, None] * np.stack([end, end[::-1]])
+    return {
+        "slip/images": (np.arange(T, dtype=np.float64), "1"),
+        "slip/grains": (grown, "1"),
+        "slip/cells": (np.linspace(0.1, 0.5, n_cells), "1"),
+    }
+
+
 def _write_diagnosed(folder: Path, rng: np.random.Generator) -> None:
     rows, _ = pixels()
     T = len(STAGE)
@@ -289,7 +302,7 @@ def _write_diagnosed(folder: Path, rng: np.random.Generator) -> None:
         arrays[f"{side}/motion"] = (np.zeros((T, rows.size, 3), np.float32), "µm")
         rho = noise * rng.standard_normal((T, rows.size))
         arrays[f"{side}/rho"] = (rho.astype(np.float32), "µm")
-    write_hdf5(folder / "diagnosis.h5", arrays)
+    write_hdf5(folder / "diagnosis.h5", arrays | _slips(folder))
     advice = {"causes": [], "changes": [], "text": ""}
     (folder / "advice.json").write_text(json.dumps(advice), "utf-8")
     (folder / "diagnosis.json").write_text(json.dumps(diagnosis()), "utf-8")

@@ -75,11 +75,12 @@ DATASETS = {
     "final/motion": ((T, P, 3), "µm"), "final/rho": ((T, P), "µm"),
 }  # fmt: skip
 # Written for backward Euler, for several starts, for a noisy boundary, and for a solver that tells
-# its trajectory.
+# its trajectory and slips.
 AT_TIMES = {
     "correction/steps_motion", "correction/steps_load", "starts/cost", "starts/NAME", "jitter/load",
     "jitter/image", "trajectory/times", "trajectory/displacement",
     "finer_trajectory/times", "finer_trajectory/displacement",
+    "slip/images", "slip/grains", "slip/cells",
 }  # fmt: skip
 
 

@@ -30,7 +30,7 @@ from tests.driver.ebsd_files import grid, write_ctf
 from tests.driver.invented_results import Results
 
 FIGURES = (
-    "budget", "specimen", "motion", "fields", "loads", "residual_maps",
+    "budget", "specimen", "loading_axes", "slip", "motion", "fields", "loads", "residual_maps",
     "residual_over_strain", "residual_history", "evidence_1", "evidence_2", "sensitivity",
     "correlation", "convergence",
 )  # fmt: skip
@@ -145,6 +145,14 @@ def test_parameters_of_the_final_model_stand_in_a_table_beside_those_before(made
         "value_before": "", "sigma_before": "", "model": "extended",
     }  # fmt: skip
     assert (rows["tau0"]["value"], rows["tau0"]["value_before"]) == ("21.34", "21.34")
+
+
+def test_the_systems_that_slipped_most_stand_with_schmid_factor_and_share(page: str) -> None:
+    text = shown(page)
+    part = text[text.index("Slip and orientations") :]
+    # The last system of grain 1 slips by 24 of 300 per mille.
+    assert "(1 1 −2) [1 1 1]" in part and "2.40 % 8 %" in part
+    assert "by the extended model" in part
 
 
 def test_what_the_final_model_has_far_off_its_prior_and_the_motion_of_its_ends_are_shown(
