@@ -11,7 +11,7 @@ from driver.dic.elongation import edge_motion
 from driver.dic.series import SurfaceMotion
 from driver.dic.surface_images import SurfaceImages
 from driver.dic.system import System
-from meshes.arrays import BoolArray, FloatArray
+from meshes.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,28 +121,24 @@ def without_penalty(measured: SurfaceMotion, images: SurfaceImages, length: floa
     edges = edge_motion(measured, images, lower, upper)
     functional = length / (upper - lower) * edges.difference(1)
     value = np.asarray(measured.coefficients @ functional)
-    whole: BoolArray = np.asarray(measured.compared.all(axis=1))
-    sigma, common = np.inf, _unpenalised_weights(measured.system, functional)
-    if common is not None:
-        # The noise of the right-hand side has the covariance σ² M at most.
-        sigma = images.sigma * float(np.sqrt(functional @ common))
-    for t in range(len(value)):
-        if measured.lost[t]:
-            continue
-        system, weights = measured.system, common
-        if not whole[t]:
-            system = measured.equations.of(measured.compared[t])
-            weights = _unpenalised_weights(system, functional)
+    equations, system = measured.equations, measured.system
+    common = _weights(
+        equations.without_penalty(np.ones(measured.compared.shape[1], dtype=bool)), functional
+    )
+    if common is None:
+        return Unpenalised(value, np.inf)
+    # The noise of the right-hand side has the covariance σ² M at most.
+    sigma = images.sigma * float(np.sqrt(functional @ common))
+    for t in np.flatnonzero(~measured.lost).tolist():
+        weights: FloatArray | None = common
+        if not measured.compared[t].all():
+            weights = _weights(equations.without_penalty(measured.compared[t]), functional)
         if weights is None:
-            sigma = np.inf
-            break
-        held = system.weights[0] * (system.parts[0] @ measured.coefficients[t])
-        value[t] += weights @ held
+            return Unpenalised(value, np.inf)
+        value[t] += weights @ (system.weights[0] * (system.parts[0] @ measured.coefficients[t]))
     return Unpenalised(value, sigma)
 
 
-def _unpenalised_weights(system: System, functional: FloatArray) -> FloatArray | None:
+def _weights(free: System, functional: FloatArray) -> FloatArray | None:
     """M⁻¹ Lᵀ, the penalty of w in M; None where images do not decide u and v alone."""
-    free = System(system.pixels, system.basis_uv, system.basis_w, system.parts)
-    free.weigh((0.0, system.weights[1]))
     return None if free.ridge else free.solve(functional)

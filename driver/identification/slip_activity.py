@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +12,9 @@ from driver.identification.fit import Fit
 from meshes.arrays import FloatArray, IntArray
 from meshes.cells import jacobians
 from solver_adapters.crystal import N_SYSTEMS
+from solver_adapters.interface import SolverError
+
+logger = logging.getLogger(__name__)
 
 _MOST = 60  # images
 _BYTES = 2**28  # of the fields of all cells at these images
@@ -41,7 +45,8 @@ def slip_activity(model: ForwardModel, fit: Fit) -> SlipActivity | None:
         fit: its fit, whose trajectory begins the iterations.
 
     Returns:
-        None of a solver that tells no slips, or that is a program of its own.
+        None of a solver that tells no slips, or that is a program of its own, and where this
+        simulation cannot be finished, which is told: a picture of a page is no reason to stop.
     """
     solver = model.adapter.capabilities()
     if not (solver.in_process and solver.cell_fields):
@@ -57,7 +62,11 @@ def slip_activity(model: ForwardModel, fit: Fit) -> SlipActivity | None:
     simulation = replace(
         model.simulation(fit.values), output=model.image_row[images], cell_fields=True
     )
-    cells = model.adapter.solve(simulation, model.workspace).cells
+    try:
+        cells = model.adapter.solve(simulation, model.workspace).cells
+    except SolverError as error:
+        logger.info(f"  no slips are told: {error}")
+        return None
     assert cells is not None
     slip = cells.accumulated_slip
     # In proportion to the volume: exact for cells that are swept over a section.

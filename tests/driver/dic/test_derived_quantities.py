@@ -5,8 +5,9 @@ import numpy as np
 from driver.dic.derived_quantities import readings, without_penalty
 from driver.dic.grip_check import WithoutPenalty, grip_motion
 from driver.dic.series import measure
+from driver.dic.surface_images import prepare
 from meshes.arrays import FloatArray
-from tests.driver.dic.conftest import Field, Scene, zero
+from tests.driver.dic.conftest import BOUNDS, ORIGIN, PIXEL, Field, Scene, deformed, zero
 
 LENGTH = 7.04  # of the scene [µm]
 RATIO = 5e-4  # elongation over stage travel
@@ -60,3 +61,19 @@ def test_the_motion_without_penalty_is_that_of_a_correlation_without(scene: Scen
     assert np.all(np.abs(free.value - read.value) < 0.3 * free.sigma)
     # Interpolation smoothes the noise of an image, so that it scatters by less than stated.
     assert read.single <= free.sigma * np.sqrt(1 + 1 / images.n_reference)
+
+
+def test_a_frame_that_lacks_pixels_is_read_without_penalty_as_by_a_correlation_without() -> None:
+    rng = np.random.default_rng(5)
+    frames = np.array([deformed(zero, localised(0.06 * k), zero) for k in range(3)])
+    repeats = np.repeat(deformed(zero, zero, zero)[None], 10, axis=0)
+    frames, repeats = (s + 0.009 * rng.standard_normal(s.shape) for s in (frames, repeats))
+    frames[1, 18:30, 30:44] = np.nan
+    images = prepare(frames, repeats, None, PIXEL, ORIGIN, BOUNDS)
+    held, none = (measure(images, roughness=r) for r in (0.01, np.inf))
+    assert not held.compared[1].all()
+    read = readings(none, images, LENGTH, none, np.eye(3))["elongation"]
+    free = without_penalty(held, images, LENGTH)
+    taken = readings(held, images, LENGTH, held, np.eye(3))["elongation"]
+    off = np.abs(free.value - read.value)
+    assert off[1] < 0.3 * free.sigma and off[1] < 0.5 * abs(taken.value[1] - read.value[1])

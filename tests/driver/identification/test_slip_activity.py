@@ -5,10 +5,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from driver.identification.fit import Fit
 from driver.identification.slip_activity import slip_activity
-from solver_adapters.interface import Capabilities, CellFields, Progress, Response, Simulation
+from solver_adapters.interface import (
+    Capabilities,
+    CellFields,
+    Progress,
+    Response,
+    Simulation,
+    SolverError,
+)
 from tests.driver.analytic import evaluation
 from tools import closed_form
 
@@ -44,6 +52,17 @@ def fitted() -> Fit:
 
 def test_a_solver_that_tells_no_slips_is_not_asked() -> None:
     assert slip_activity(MODEL, fitted()) is None
+
+
+def test_a_simulation_that_cannot_be_finished_leaves_no_slips_and_a_line(
+    monkeypatch: pytest.MonkeyPatch, lines: list[str]
+) -> None:
+    def stop(*arguments: object) -> Response:
+        raise SolverError("step 3 does not converge")
+
+    monkeypatch.setattr(Slipping, "solve", stop)
+    assert slip_activity(replace(MODEL, adapter=Slipping()), fitted()) is None
+    assert lines == ["  no slips are told: step 3 does not converge"]
 
 
 def test_slips_are_means_over_the_volume_of_each_grain_at_the_images() -> None:
