@@ -58,10 +58,10 @@ def loading_axes(grains: Sequence[GrainSlip]) -> Figure:
     rim = _rim()
     side = np.linspace(0.0, float(rim.max()), _FINE)
     x, y = np.meshgrid(side, side)
-    inside = Path(rim).contains_points(np.column_stack([x.ravel(), y.ravel()]), radius=0.01)
     factors = [schmid_factors(axis).max() for axis in _on_sphere(x.ravel(), y.ravel())]
-    largest = np.where(inside, factors, np.nan).reshape(x.shape)
+    largest = np.reshape(factors, x.shape)
     contours = axes.contourf(x, y, largest, levels=_LEVELS, cmap="cividis")
+    contours.set_clip_path(Path(rim), transform=axes.transData)
     figure.colorbar(contours, ax=axes, label="largest Schmid factor [1]")
     axes.plot(*rim.T, color="black", linewidth=1.2)
     for index, grain in enumerate(grains):
