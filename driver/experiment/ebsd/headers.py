@@ -59,7 +59,7 @@ def refuse_unfit_file(file: Path) -> None:
     try:
         if not file.is_file():
             raise Refused("nothing" if not file.exists() else "no file", EXPECTED)
-        refuse_another_kind(file)
+        _refuse_another_kind(file)
         size = file.stat().st_size
         _refuse_more(size, 0)
         if file.suffix.lower() in HDF5:
@@ -70,7 +70,7 @@ def refuse_unfit_file(file: Path) -> None:
         raise Refused(why(error), EXPECTED + " that can be read") from None
 
 
-def refuse_another_kind(file: Path) -> None:
+def _refuse_another_kind(file: Path) -> None:
     """Refuse a file whose content is not of the kind that its ending says.
 
     Raises:

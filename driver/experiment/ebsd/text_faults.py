@@ -10,7 +10,7 @@ from driver.common.errors import show
 from driver.experiment.ebsd.headers import ANG, CTF_COLUMNS
 from driver.experiment.images.files import Refused
 
-_BEFORE = 'numbers with "." as decimal sign'
+_DECIMAL = 'numbers with "." as decimal sign'
 
 
 def text_fault(file: Path) -> Refused | None:
@@ -22,7 +22,7 @@ def text_fault(file: Path) -> Refused | None:
     Raises:
         OSError: it cannot be read.
     """
-    ang, columns, number = file.suffix.lower() == ANG, 0, 0
+    ang, columns = file.suffix.lower() == ANG, 0
     whole = f"{'an' if ang else 'a'} {file.suffix.lower()} file that is whole: export it anew"
     with file.open(encoding="utf-8", errors="replace") as text:
         for number, line in _rows(text, ang):
@@ -31,7 +31,7 @@ def text_fault(file: Path) -> Refused | None:
             wrong = next((cell for cell in cells if not _is_number(cell, ang)), None)
             if wrong is not None:
                 comma = _is_number(wrong.replace(",", "."), ang)
-                return Refused(f"{show(wrong[:40])} in line {number}", _BEFORE if comma else whole)
+                return Refused(f"{show(wrong[:40])} in line {number}", _DECIMAL if comma else whole)
             if len(cells) != columns:
                 found = f"{len(cells)} of {columns} columns in line {number}"
                 return Refused(found, whole)

@@ -35,7 +35,7 @@ def open_tiff(file: Path) -> FileFrames:
         except Refused:
             raise
         except Exception as error:  # every decoder behind tifffile raises its own type
-            kind = kind_by_content(file)
+            kind = "" if isinstance(error, OSError) else kind_by_content(file)
             if kind and kind != TIFF_FILE:
                 raise Refused(kind, "a TIFF file, or the ending of that kind") from None
             raise Refused(why(error), "a TIFF file that is whole: copy or save it anew") from None
