@@ -17,10 +17,10 @@ from driver.case.model import (
     CASE_FILE,
     SCHEMA_FILE,
     CaseError,
-    default_case,
     schema_text,
     write_case,
 )
+from driver.case.new_case import NewFiles, new_case
 from driver.case.specimen import Shape
 from driver.common.atomic_write import write_whole
 from driver.common.errors import sentence
@@ -128,8 +128,28 @@ def init(
         Crystal, typer.Option(help="slip systems and constants: a BCC steel, or copper")
     ] = "bcc",
     shape: Annotated[Shape, typer.Option(help="triangular prism, or bar")] = "prism",
+    frames: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="images of the test: a file, a folder or a pattern"),
+    ] = None,
+    repeats: Annotated[
+        str | None, typer.Option(metavar="NAME", help="images before loading: the same")
+    ] = None,
+    flats: Annotated[
+        str | None, typer.Option(metavar="NAME", help="images of a flat reference surface")
+    ] = None,
+    history: Annotated[
+        str | None, typer.Option(metavar="NAME", help="log of times, stage travel and loads")
+    ] = None,
+    ebsd: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="EBSD map of both grains, of EDAX, Oxford or Bruker"),
+    ] = None,
 ) -> None:
-    """Write a commented case.toml, and its schema for editors, into DIR."""
+    """Write a commented case.toml, and its schema for editors, into DIR.
+
+    Names of files are those that the case has, seen from DIR.
+    """
     with told_in_one_line():
         path, schema = folder / CASE_FILE, folder / SCHEMA_FILE
         if folder.exists() and not folder.is_dir():
@@ -137,8 +157,9 @@ def init(
         for file in (path, schema):
             if file.exists() or file.is_symlink():
                 raise CaseError(sentence(file, "file", "a file", "none: it is not overwritten"))
+        case = new_case(path, NewFiles(frames, repeats, flats, history, ebsd), crystal, shape)
         folder.mkdir(parents=True, exist_ok=True)
-        write_case(default_case(crystal, shape), path)
+        write_case(case, path)
         write_whole(schema, schema_text())
         tell(f"{path} written: fill it in, then `prismid check {quote(str(path))}`")
 

@@ -87,6 +87,14 @@ def table_fault(table: SystemTable) -> str | None:
     return None
 
 
+def system_name(table: SystemTable, system: int) -> str:
+    """Return plane and direction of a slip system, such as `(0 1 1) [1 1 −1]`."""
+    plane, direction = (
+        " ".join(f"{index:g}".replace("-", "−") for index in indices) for indices in table[system]
+    )
+    return f"({plane}) [{direction}]"
+
+
 def slip_systems(table: SystemTable) -> tuple[FloatArray, FloatArray]:
     """Return unit slip directions m and plane normals n in crystal axes, each of shape (24, 3).
 

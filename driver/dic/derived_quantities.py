@@ -10,6 +10,7 @@ from driver.dic.covariance import covariance_in_time, held_back
 from driver.dic.elongation import edge_motion
 from driver.dic.series import SurfaceMotion
 from driver.dic.surface_images import SurfaceImages
+from driver.dic.system import System
 from meshes.arrays import FloatArray
 
 
@@ -40,6 +41,20 @@ class Reading:
         T = self.value.size
         shared = (self.covariance.sum() - self.covariance.trace()) / max(T * (T - 1), 1)
         return float(np.sqrt(np.median(self.covariance.diagonal()) - shared))
+
+
+@dataclass(frozen=True, eq=False)
+class Unpenalised:
+    """The elongation of each of T images without a penalty.
+
+    Attributes:
+        value: [µm], shape (T,).
+        sigma: standard deviation of an image by its own noise [µm], infinity where the images do
+            not decide the motion.
+    """
+
+    value: FloatArray
+    sigma: float
 
 
 def readings(
@@ -86,3 +101,44 @@ def readings(
             smoothed.coefficients @ functional, covariance, held, single
         )
     return readings_by_name
+
+
+def without_penalty(measured: SurfaceMotion, images: SurfaceImages, length: float) -> Unpenalised:
+    """Elongation as `readings`, but of the motion that images have without a penalty of u and v.
+
+    The right-hand side b = M p + P p of the motion p of a frame is that without penalty, too. So
+    L M⁻¹ b = L p + (M⁻¹ Lᵀ)ᵀ P p; of w the penalty stays, where a frame lacks pixels.
+
+    Args:
+        measured: motion of each image by itself.
+        images: the images behind it.
+        length: of the specimen [µm].
+
+    Raises:
+        ImageError: a mesh ends before an edge of the region of interest.
+    """
+    lower, upper = images.bounds[2:]
+    edges = edge_motion(measured, images, lower, upper)
+    functional = length / (upper - lower) * edges.difference(1)
+    value = np.asarray(measured.coefficients @ functional)
+    equations, system = measured.equations, measured.system
+    common = _weights(
+        equations.without_penalty(np.ones(measured.compared.shape[1], dtype=bool)), functional
+    )
+    if common is None:
+        return Unpenalised(value, np.inf)
+    # The noise of the right-hand side has the covariance σ² M at most.
+    sigma = images.sigma * float(np.sqrt(functional @ common))
+    for t in np.flatnonzero(~measured.lost).tolist():
+        weights: FloatArray | None = common
+        if not measured.compared[t].all():
+            weights = _weights(equations.without_penalty(measured.compared[t]), functional)
+        if weights is None:
+            return Unpenalised(value, np.inf)
+        value[t] += weights @ (system.weights[0] * (system.parts[0] @ measured.coefficients[t]))
+    return Unpenalised(value, sigma)
+
+
+def _weights(free: System, functional: FloatArray) -> FloatArray | None:
+    """M⁻¹ Lᵀ, the penalty of w in M; None where images do not decide u and v alone."""
+    return None if free.ridge else free.solve(functional)

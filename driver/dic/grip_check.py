@@ -4,6 +4,10 @@ Each phase (a loading or an unloading) has a straight line of its own, fitted wi
 its neighbours. What a grip can do wrong then shows apart: play, where the next line starts later
 than the last one ended; bowing, where a parabola fits better; slip, where a line breaks into two;
 and images that lie off for themselves. Only what a family of normal tests at 1 % finds is told.
+
+Regularisation carries the stretch of the middle on to the ends, alike in all images: a specimen
+that stretches less at its ends has too large a ratio. Many images together do without it: their
+ratios are those of the elongation without penalty where that knows them better.
 """
 
 from __future__ import annotations
@@ -40,7 +44,7 @@ class Phase:
     Attributes:
         loading: whether the stage travels forward.
         first, last: its first and last image; the turning image ends a phase.
-        ratio: elongation over stage travel [1].
+        ratio: elongation over stage travel [1]; what is held back is not in its deviation.
         bow: departure of the parabola from its chord half-way [µm]; None with fewer than 4 images.
     """
 
@@ -85,7 +89,10 @@ class GripMotion:
     Attributes:
         nominal: length of the specimen over the distance of the grips [1].
         ratio: elongation over stage travel of all images together [1], its standard deviation
-            widened by how far they scatter about the line.
+            widened by how far they scatter about the line, and by what is held back.
+        held: share of a ratio that regularisation may hold back, one standard deviation [1];
+            0 where the ratios are those without penalty.
+        unpenalised: whether they are.
         start: elongation of that line at no travel [µm].
         scatter: about the lines of the phases, over the noise of the correlation [1].
         phases: those of two images at least.
@@ -98,6 +105,8 @@ class GripMotion:
 
     nominal: float
     ratio: Estimate
+    held: float
+    unpenalised: bool
     start: float
     scatter: float
     phases: tuple[Phase, ...]
@@ -114,7 +123,7 @@ class GripMotion:
             return None
         weights = np.array([ratio.sigma**-2 for ratio in ratios])
         mean = float(np.average([ratio.value for ratio in ratios], weights=weights))
-        return Estimate(mean, float(weights.sum() ** -0.5))
+        return _widened(Estimate(mean, float(weights.sum() ** -0.5)), self.held)
 
     @property
     def bowed(self) -> tuple[Phase, ...]:
@@ -129,6 +138,23 @@ class GripMotion:
         return tuple(turn for turn in self.turns if turn.lost.is_beyond(limit))
 
 
+@dataclass(frozen=True, eq=False)
+class WithoutPenalty:
+    """The elongation as images say it without regularisation, and what that does otherwise.
+
+    Attributes:
+        elongation: without a penalty of u and v [µm], shape (T,).
+        sigma: standard deviation of it in an image, what all share left out; infinity where images
+            do not decide the motion without a penalty [µm].
+        held: standard deviation of what the penalty may hold back of the elongation of an image,
+            alike in all [µm].
+    """
+
+    elongation: FloatArray
+    sigma: float
+    held: float
+
+
 def grip_motion(
     stage: FloatArray,
     elongation: FloatArray,
@@ -136,6 +162,7 @@ def grip_motion(
     phase: IntArray,
     used: BoolArray,
     nominal: float,
+    free: WithoutPenalty,
 ) -> GripMotion:
     """Check the motion of the grips.
 
@@ -148,6 +175,7 @@ def grip_motion(
             shape (T,).
         used: images that are not left out, shape (T,).
         nominal: length of the specimen over the distance of the grips.
+        free: the elongation without regularisation.
     """
     of_phase = [np.flatnonzero(used & (phase == p)) for p in np.unique(phase)]
     of_phase = [images for images in of_phase if _spread(stage[images])]
@@ -161,18 +189,32 @@ def grip_motion(
     noise = sigma * max(scatter, 1.0)
     together = np.concatenate(kept)
     whole = _Line.through(stage[together], elongation[together], 1)
-    wide = max(noise, np.sqrt(whole.square / whole.freedom)) if whole.freedom else noise
+    wide = _scattered(noise, whole)
+    share = free.held / float(np.sqrt(np.mean(elongation[together] ** 2)))
+    ratio = _widened(whole.slope(wide), share)
+    ratios = [line.slope(noise) for line in lines]
+    unpenalised = np.isfinite(free.sigma)
+    if unpenalised:
+        line = _Line.through(stage[together], free.elongation[together], 1)
+        alone = line.slope(_scattered(free.sigma, line))
+        unpenalised = alone.sigma < ratio.sigma
+    if unpenalised:
+        ratio, share = alone, 0.0
+        of_lines = [_Line.through(stage[images], free.elongation[images], 1) for images in kept]
+        ratios = [line.slope(_scattered(free.sigma, line)) for line in of_lines]
     return GripMotion(
         nominal=nominal,
-        ratio=whole.slope(wide),
+        ratio=ratio,
+        held=share,
+        unpenalised=bool(unpenalised),
         start=float(whole.at(np.zeros(1))[0]),
         scatter=scatter,
         phases=tuple(
             Phase(
                 bool(stage[images[-1]] > stage[images[0]]), int(images[0]), int(images[-1]),
-                line.slope(noise), _bow(stage[images], elongation[images], noise),
+                slope, _bow(stage[images], elongation[images], noise),
             )
-            for images, line in zip(kept, lines, strict=True)
+            for images, slope in zip(kept, ratios, strict=True)
         ),
         turns=tuple(_turns(stage, kept, lines, noise)),
         slips=tuple(_slips(stage, elongation, kept, sigma)),
@@ -217,6 +259,16 @@ class _Line:
     def slope(self, noise: float) -> Estimate:
         sigma = noise * float(np.sqrt(self.inverse[1, 1]))
         return Estimate(float(self.coefficients[1]) / self.length, sigma / self.length)
+
+
+def _scattered(noise: float, line: _Line) -> float:
+    """Return the noise, or the scatter about a line if that is more."""
+    return max(noise, float(np.sqrt(line.square / line.freedom))) if line.freedom else noise
+
+
+def _widened(ratio: Estimate, share: float) -> Estimate:
+    """Return a ratio that may be off by a share of itself, too."""
+    return Estimate(ratio.value, float(np.hypot(ratio.sigma, share * ratio.value)))
 
 
 def _spread(stage: FloatArray) -> bool:

@@ -45,19 +45,35 @@ class Equations:
         """
         if kept.all():
             return self.whole
+        return self._weighed(self._some(kept), self.whole.weights[0], self.least_weight)
+
+    def without_penalty(self, kept: BoolArray) -> System:
+        """Return the equations of a frame without the penalty of u and v.
+
+        Args:
+            kept: the pixels that it has, shape (n_pix,).
+        """
+        if not kept.all():
+            return self._weighed(self._some(kept), 0.0, self.least_weight)
+        whole = self.whole
+        free = System(whole.pixels, whole.basis_uv, whole.basis_w, whole.parts)
+        return self._weighed(free, 0.0, 0.0)
+
+    def _some(self, kept: BoolArray) -> System:
         pixels = self.whole.pixels
         some = Pixels(
             pixels.rows[kept], pixels.cols[kept], pixels.height[kept],
             np.ascontiguousarray(pixels.slope[kept]), pixels.pixel,
         )  # fmt: skip
-        system = System(
+        return System(
             some,
             self.whole.basis_uv.at_pixels(kept),
             self.whole.basis_w.at_pixels(kept),
             self.whole.parts,
         )
-        weight, weight_w = self.whole.weights
-        system.weigh((weight, max(weight_w, self.least_weight)))
+
+    def _weighed(self, system: System, weight: float, least_w: float) -> System:
+        system.weigh((weight, max(self.whole.weights[1], least_w)))
         return system
 
     def solve(

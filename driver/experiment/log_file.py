@@ -11,6 +11,7 @@ from pathlib import Path
 
 from driver.case.history import HistoryTable
 from driver.common.errors import InputError, sentence, show, why
+from driver.common.file_kinds import EMPTY, kind_by_content
 
 _MOST_BYTES = 50_000_000  # of a file, some million rows
 _END_OF_LINE = re.compile("\r\n|\r|\n")
@@ -48,6 +49,8 @@ def log_lines(path: Path, stated: HistoryTable) -> list[str]:
     expected = "a CSV file of time_s, stage_um, image, force_N"
     try:
         _refuse_no_table(path)
+        if path.is_file() and (kind := kind_by_content(path)) and kind != EMPTY:
+            raise HistoryError(sentence(path, "file", kind, f"{expected}: save its table as text"))
         content = path.read_bytes()
     except HistoryError:
         raise

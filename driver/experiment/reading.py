@@ -347,7 +347,8 @@ def _frames(case: Case, history: History | None) -> tuple[Stack, Seen]:
     stack = _stack(case, "frames", case.images.frames, None)
     if history is not None and len(stack) != history.n_images:
         gap = f" ({stack.gap})" if stack.gap else ""
-        found, images = f"{len(stack)} frames{gap}", f"the images of {case.history.file}"
+        count = "1 frame" if len(stack) == 1 else f"{len(stack)} frames"
+        found, images = f"{count}{gap}", f"the images of {case.history.file}"
         raise stack_error(case, "frames", found, f"{history.n_images}, {images}")
     seen = look_at_levels(case, "frames", stack)
     if len(seen.copies) == len(stack) - 1 > 0:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from driver.common.errors import InputError
+from driver.common.formatting import joined
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation
 from driver.parameters.registry import label_of
@@ -16,6 +17,7 @@ from meshes.arrays import FloatArray
 INSENSITIVE = 0.5  # share of the variance that is the prior's from which a parameter is named
 # Eigenvalue of the Hessian, scaled to a diagonal of ones, below which rounding decides.
 SINGULAR = 1e-13
+FAR = 3.0  # widths of its prior from whose mean on a parameter is told to be off
 _PART = 0.2  # components of a null vector that are named
 
 
@@ -61,6 +63,26 @@ def ruled_by_prior(fit: Fit) -> tuple[PriorRule, ...]:
         PriorRule(name, float(share), float(by))
         for name, share, by in zip(best.free, prior_shares(best), moved, strict=True)
         if share > INSENSITIVE
+    )
+
+
+def far_off_prior(fit: Fit) -> dict[str, float]:
+    """By how many widths of its prior each parameter is off its mean, of those beyond `FAR`."""
+    best = fit.best
+    moved = -best.prior_gap * np.sqrt(best.prior_weight)
+    return {name: float(by) for name, by in zip(best.free, moved, strict=True) if abs(by) > FAR}
+
+
+def far_off_told(fit: Fit) -> tuple[str, ...]:
+    """Return one sentence on all parameters that are far off their priors, or none."""
+    far = far_off_prior(fit)
+    if not far:
+        return ()
+    which = joined([f"{label_of(name)} by {by:+.1f}" for name, by in far.items()])
+    return (
+        f"far off the prior, in widths of it: {which}; usually the model lacks something that this "
+        "makes up for (an apex amplitude: the law, the orientations or the drawn geometry), "
+        "or start and width in the case are not what is known",
     )
 
 

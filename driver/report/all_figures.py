@@ -11,10 +11,18 @@ from driver.case.model import Case
 from driver.experiment.reading import fitted_loads
 from driver.parameters.boundary import LAMBDAS
 from driver.parameters.registry import label_of, short_label_of
-from driver.report import evidence_figures, figures, history_figures, maps, matrix_figures
+from driver.report import (
+    evidence_figures,
+    figures,
+    history_figures,
+    maps,
+    matrix_figures,
+    slip_figures,
+)
 from driver.report.findings import Findings, Record
 from driver.report.identified_tables import core
 from driver.report.labels import cause_label, reading_unit
+from driver.report.slip import grain_slips
 from driver.report.style import literal
 from driver.report.tables import ordered
 from meshes.arrays import FloatArray
@@ -36,6 +44,11 @@ def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
     loads = fitted_loads(case, m["force"])
     names = [literal(grain.name) for grain in case.grains]
     yield "specimen", maps.specimen(mesh.points, mesh.cells, mesh.grain, names)
+
+    slips = grain_slips(findings)
+    yield "loading_axes", slip_figures.loading_axes(slips)
+    if findings.slip is not None:
+        yield "slip", slip_figures.activity(findings.slip.images, slips)
 
     last = sides[-1]
     yield "motion", figures.motion(

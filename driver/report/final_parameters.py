@@ -27,6 +27,7 @@ def final_columns(findings: Findings) -> dict[str, list[object]]:
             f"{key}_before": [before[name][key] if name in before else "" for name in rows]
             for key in ("value", "sigma")
         },
+        "model": ["extended" if findings.extended else "identified"] * len(rows),
     }
 
 

@@ -15,6 +15,8 @@ from driver.experiment.history import History, knot_weights, read_history
 from driver.forward.boundary_motion import BoundaryMotion
 from driver.forward.build import parameters_of
 from driver.forward.geometry import boundary_trace
+from driver.identification.slip_activity import SlipActivity
+from driver.identification.travel_ratio import TravelRatio
 from driver.report.identified import IdentifiedParameter, estimates
 from driver.report.measured import DATASETS, MeasuredMotion, measured_motion, peaks
 from driver.report.measured_figures import FIGURES
@@ -36,7 +38,7 @@ from driver.results.files import (
     present,
 )
 from driver.results.hdf5 import damaged, read_hdf5
-from driver.results.identification import read_identification
+from driver.results.identification import read_identification, written_slip
 from driver.results.json_files import read_json
 from driver.results.stage_record import read_record
 from meshes.arrays import FloatArray
@@ -144,6 +146,21 @@ class Findings:
     def declared(self) -> dict[str, Parameter]:
         """Every parameter of the general model by name, scaled at the constants of the case."""
         return _declared(self.case, self.history)
+
+    @property
+    def travel_ratio(self) -> TravelRatio | None:
+        """Elongation over stage travel by the final model, None where knots were held."""
+        if self.diagnosed:
+            told = self.diagnosis["travel_ratio"]
+            return None if told is None else TravelRatio(**told)
+        if "travel_ratio" not in self.identified:
+            return None
+        return TravelRatio(*self.identified["travel_ratio"].tolist())
+
+    @property
+    def slip(self) -> SlipActivity | None:
+        """Slips of the final model, None of a solver that tells none."""
+        return written_slip(self.predicted if self.diagnosed else self.identified)
 
     @property
     def load_noise(self) -> float:
@@ -276,7 +293,7 @@ def _datasets(path: Path, expected: tuple[str, ...]) -> dict[str, FloatArray]:
 def _diagnosis(path: Path) -> Record:
     entries = (
         "verdict", "sets", "added", "flips", "whereabouts", "gain", "steps", "bad_loads",
-        "not_examined", "numerics",
+        "not_examined", "numerics", "warnings", "travel_ratio",
     )  # fmt: skip
     record = _record(path, entries)
     if "off_by_mesh" not in record["numerics"]:

@@ -79,7 +79,7 @@ def first_screen_identified(findings: Findings, reason: str, converged: bool) ->
             "χ and χ_F are averages over all images and loads. A misfit in one place or phase of "
             "the test can hide in them, and one that the parameters have taken up is in none of "
             "them.",
-            *(f"Not decided by the data: {warning}." for warning in findings.warnings),
+            *(f"To be looked at: {warning}." for warning in findings.warnings),
         ],
         law=law_tiles(findings),
         checks=[

@@ -16,7 +16,18 @@ def _ratio(grip: GripMotion) -> str:
         f"The elongation of the specimen is {_share(grip.ratio)} of "
         f"the stage travel, {number(100 * grip.ratio.value / grip.nominal, 2)} % of the "
         f"{number(1e4 * grip.nominal)}·10⁻⁴ that its length over the distance of the grips makes."
+        f"{_held(grip)}"
     )
+
+
+def _held(grip: GripMotion) -> str:
+    carries = "regularisation, which carries the stretch of the middle on to the ends."
+    if grip.unpenalised:
+        return f" It is read without {carries}"
+    if not grip.held:
+        return ""
+    held = number(1e4 * grip.held * grip.ratio.value, 2)
+    return f" Of its deviation ± {held}·10⁻⁴ are for {carries}"
 
 
 def _phases(grip: GripMotion) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.dic.grip_check import GripMotion, grip_motion
+from driver.dic.grip_check import GripMotion, WithoutPenalty, grip_motion
 from driver.report.maps import Face
 from meshes.arrays import BoolArray, FloatArray, IntArray
 
@@ -21,6 +21,7 @@ DATASETS = (
     *(f"{reading}{part}" for reading in ("elongation", "tilt", "mean_w")
       for part in ("", "_covariance", "_held", "_single")),
     "phase", "left_out", "grip/nominal", "grip/sigma",
+    "grip/unpenalised_sigma", "elongation_unpenalised",
 )  # fmt: skip
 FIELDS = ("motion", "residual", "residual_over_noise")  # at all pixels in all images
 BINS = np.linspace(-6.0, 6.0, 97)  # of ρ/σ
@@ -240,6 +241,10 @@ def measured_motion(
         grip=grip_motion(
             m["stage"], m["elongation"], float(m["grip/sigma"]), m["phase"].astype(np.int64),
             m["left_out"] == 0, float(m["grip/nominal"]),
+            WithoutPenalty(
+                m["elongation_unpenalised"], float(m["grip/unpenalised_sigma"]),
+                float(m["elongation_held"]),
+            ),
         ),
         grip_sigma=float(m["grip/sigma"]),
     )  # fmt: skip

@@ -21,6 +21,7 @@ from driver.report.labels import cause_label
 from driver.report.measured_texts import difference_text, texts
 from driver.report.plotting_library import FLAT, SOLID, bundle, licence
 from driver.report.references import REFERENCES
+from driver.report.slip import slip_section
 from driver.report.style import INDEXED, data_uri
 from driver.report.tables import cause_rows, localisation_rows, parameter_rows
 from driver.report.verdict import tests_told
@@ -68,6 +69,7 @@ def report_page(
         "difference": difference_text(findings.motion, _difference(findings)),
         "chi_text": chi_text(findings),
         "identified": identification(findings),
+        "slip": slip_section(findings),
         "groups": [group for group in shifts if group[0] in _FEW],
         "other_groups": [group for group in shifts if group[0] not in _FEW],
         "figures": {name: data_uri(image) for name, image in figures.items()},
@@ -199,6 +201,8 @@ def facts(findings: Findings) -> list[tuple[str, str]]:
     s = case.specimen
     grains = "; ".join(map(_orientation, case.grains, grain_orientations(case)))
     peak = float(np.nanmax(fitted_loads(case, m["force"])))
+    ratio = findings.travel_ratio
+    ends = [("motion of the ends", ratio.sentence())] if ratio else []
     left = [str(frame) for frame, out in enumerate(m["left_out"]) if out]
     fate = "is unlike its" if len(left) == 1 else "are unlike their"
     but = f"; {joined(left)} {fate} neighbours and not fitted but for the load" if left else ""
@@ -219,6 +223,7 @@ def facts(findings: Findings) -> list[tuple[str, str]]:
                   f"{number(findings.noise_factor)} times that of the repeats"),
         ("test", f"{int(m['cycle'].max())} cycles, stage travel up to {m['stage'].max():g} µm, "
                  f"load up to {number(peak, 4)} µN"),
+        *ends,
     ]  # fmt: skip
 
 

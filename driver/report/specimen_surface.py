@@ -12,15 +12,23 @@ from meshes.prism_mesh import PrismMesh
 MOST_NODES = 32_000
 """Corners beyond which the surface is left to the picture."""
 _STEP = 1e-3  # µm, to which places are rounded
+_SLIP = 1e-3  # %, to which slips are rounded
 
 
-def specimen_surface(mesh: PrismMesh) -> dict[str, tuple[FloatArray, float]] | None:
+def specimen_surface(
+    mesh: PrismMesh, slip: FloatArray | None = None
+) -> dict[str, tuple[FloatArray, float]] | None:
     """Arrays of the surface with the step to which each is rounded, None of one that is too large.
+
+    Args:
+        mesh: the mesh.
+        slip: accumulated slip of each cell [%], shape (n_cells,), or None.
 
     Returns:
         "points": corners [µm], shape (n, 3); "triangles": corners of each, shape (m, 3);
         "grain": of each triangle, shape (m,); "edges": ends of the edges of cells, shape (e, 2);
-        "boundary": ends of the edges between grains, shape (b, 2).
+        "boundary": ends of the edges between grains, shape (b, 2); "slip" of each triangle [%],
+        shape (m,), where it is given.
     """
     outer, owner = outer_faces(mesh.cells)
     n_corners = outer.shape[1] // 2
@@ -38,4 +46,5 @@ def specimen_surface(mesh: PrismMesh) -> dict[str, tuple[FloatArray, float]] | N
         "boundary": boundary_edges(faces, grain),
     }
     whole = {name: (array.astype(np.float64), 1.0) for name, array in arrays.items()}
-    return {"points": (mesh.points[nodes], _STEP)} | whole
+    painted = {} if slip is None else {"slip": (np.tile(slip[owner], len(corners)), _SLIP)}
+    return {"points": (mesh.points[nodes], _STEP)} | whole | painted

@@ -112,7 +112,7 @@ def view_of_findings(findings: Findings) -> View:
         },
         "grains": _grains([grain.name for grain in case.grains]),
     }
-    return View(settings, pack(fields | (specimen_surface(findings.mesh) or {})))
+    return View(settings, pack(fields | _surface(findings)))
 
 
 def shown_images(n: int, peaks: IntArray, most: int) -> IntArray:
@@ -159,6 +159,12 @@ def _fields(findings: Findings, blocks: FaceBlocks, images: IntArray) -> Arrays:
         values = np.stack([blocks.mean_over_noise(residual[image]) for image in images])
         fields[f"{name}/residual"] = (values, _OF_NOISE)
     return fields
+
+
+def _surface(findings: Findings) -> Arrays:
+    slip = findings.slip
+    of_cells = None if slip is None else 100.0 * slip.of_cells
+    return specimen_surface(findings.mesh, of_cells) or {}
 
 
 def _centred(values: FloatArray) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +15,13 @@ from driver.experiment.history import History
 from driver.identification.boundary_jitter import BoundaryJitter
 from driver.identification.correction import Correction
 from driver.identification.fit import Fit
-from driver.identification.identifiability import prior_shares, ruled_by_prior
+from driver.identification.identifiability import far_off_told, prior_shares, ruled_by_prior
 from driver.identification.identify import Identification
 from driver.identification.kinematic_hessian import kinematic_hessian
 from driver.identification.problem import IdentificationProblem
+from driver.identification.slip_activity import SlipActivity, slip_activity
 from driver.identification.step_error import StepError
+from driver.identification.travel_ratio import TravelRatio, travel_ratio
 from driver.parameters.boundary import LAMBDAS
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.results.files import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
@@ -32,7 +34,7 @@ Arrays = dict[str, tuple[NDArray[np.generic] | float, str]]
 
 
 def warnings_of(found: Identification) -> tuple[str, ...]:
-    """Sentences on what the data did not decide, and on time steps that had to be cut."""
+    """Sentences on what the data did not decide or contradict, and on steps that were cut."""
     parameters, final = found.objective.parameters, found.final
     bounds = [
         f"{parameters[name].title} stands at its bound {final.values[name]:g}: "
@@ -41,7 +43,7 @@ def warnings_of(found: Identification) -> tuple[str, ...]:
     ]
     nuisances = {p.name for p in POSE_DECLARATIONS} | {"load_gain"}
     ruled = [rule.sentence() for rule in ruled_by_prior(final) if rule.name not in nuisances]
-    return (*bounds, *ruled, *_cut_steps(found))
+    return (*bounds, *ruled, *far_off_told(final), *_cut_steps(found))
 
 
 def _cut_steps(found: Identification) -> tuple[str, ...]:
@@ -127,6 +129,7 @@ def _write(folder: Path, found: Identification, start: Mapping[str, float], more
             "value": values.tolist(),
             "sigma": sigma.tolist(),
             "unit": units,
+            "model": ["identified"] * len(names),
         },
     )
     record = {
@@ -216,6 +219,33 @@ def _written(datasets: Mapping[str, FloatArray], of: str) -> Trajectory | None:
     if f"{of}/times" not in datasets:
         return None
     return Trajectory(datasets[f"{of}/times"], datasets[f"{of}/displacement"])
+
+
+def slip_arrays(slip: SlipActivity | None) -> Arrays:
+    """Return the datasets of the slips of a model, none of a solver that tells none."""
+    if slip is None:
+        return {}
+    return {
+        "slip/images": (slip.images, "1"),
+        "slip/grains": (slip.of_grains, "1"),
+        "slip/cells": (slip.of_cells, "1"),
+    }
+
+
+def written_slip(datasets: Mapping[str, FloatArray]) -> SlipActivity | None:
+    """Return the slips of a model, None where none were told.
+
+    Args:
+        datasets: those of `identify.h5` or `diagnosis.h5` by name.
+    """
+    if "slip/cells" not in datasets:
+        return None
+    images = datasets["slip/images"].astype(np.int64)
+    return SlipActivity(images, datasets["slip/grains"], datasets["slip/cells"])
+
+
+def _travel_ratio(ratio: TravelRatio | None) -> Arrays:
+    return {} if ratio is None else {"travel_ratio": (np.array(astuple(ratio)), "1")}
 
 
 def _jitter(jitter: BoundaryJitter | None) -> Arrays:
@@ -314,15 +344,21 @@ def read_identification(path: Path) -> IdentificationTexts:
         raise damaged(path, f"no readable parameters ({error})") from None
 
 
-def write_fits(path: Path, fits: Mapping[str, Fit], problem: IdentificationProblem) -> None:
+def write_fits(
+    path: Path,
+    fits: Mapping[str, Fit],
+    problem: IdentificationProblem,
+    slip: SlipActivity | None,
+) -> None:
     """Write predictions and residuals of some fits.
 
     Args:
         path: file to write.
         fits: by the name that stands before their datasets.
         problem: what they started from.
+        slip: of the last of them.
     """
-    datasets: Arrays = {}
+    datasets: Arrays = slip_arrays(slip)
     for name, fit in fits.items():
         datasets |= fit_arrays(fit, problem, name)
     write_hdf5(path, datasets)
@@ -343,12 +379,15 @@ def write_with_images(
         budget: the error budget, by name.
     """
     correction = found.objective.correction.at(found.final.values)
+    history = problem.experiment.history
     _write(
         folder,
         found,
         problem.start,
         {
             "correction/motion": (np.asarray(correction.motion), "µm"),
+            **slip_arrays(slip_activity(found.objective.model, found.final)),
+            **_travel_ratio(travel_ratio(found.final, found.objective.parameters, history)),
             "noise_factor": (found.objective.data.image.noise_factor, "1"),
             **{f"budget/{key}": (value, "1") for key, value in budget.items()},
             **_as_in_the_paper(found),

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from driver.case.model import Case
-from driver.dic.derived_quantities import Reading
+from driver.dic.derived_quantities import Reading, Unpenalised
 from driver.dic.grip_check import GripMotion
 from driver.dic.series import SurfaceMotion
 from driver.dic.surface_images import SurfaceImages
@@ -62,6 +62,7 @@ class Measurement:
     images: SurfaceImages
     motion: SurfaceMotion
     read: Mapping[str, Reading]
+    free: Unpenalised
     grip: GripMotion
     gradient: FloatArray
     rigid: FloatArray
@@ -115,6 +116,8 @@ def write_measurement(folder: Path, measured: Measurement) -> None:
             "phase": (phase_of_images(history), "1"),
             "grip/nominal": (nominal, "1"),
             "grip/sigma": (read["elongation"].own, "µm"),
+            "elongation_unpenalised": (m.free.value, "µm"),
+            "grip/unpenalised_sigma": (m.free.sigma, "µm"),
             "grip/ratio": (grip.ratio.value, "1"),
             "grip/ratio_sigma": (grip.ratio.sigma, "1"),
             "grip/scatter": (grip.scatter, "1"),

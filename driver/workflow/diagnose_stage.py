@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
+from dataclasses import asdict, replace
 from time import perf_counter
 from typing import Any
 
@@ -23,11 +23,15 @@ from driver.diagnosis.search.diagnose import diagnose
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.statistics.screening import screened
 from driver.experiment.held_out import held_out_cycle
+from driver.experiment.history import History
 from driver.forward.build import geometry_of
 from driver.identification.fit import Fit, fit
+from driver.identification.identifiability import far_off_told
 from driver.identification.identify import corrected_with_derivatives
-from driver.identification.objective import Evaluation
+from driver.identification.objective import Evaluation, Objective
 from driver.identification.problem import IdentificationProblem, on_another_mesh
+from driver.identification.slip_activity import slip_activity
+from driver.identification.travel_ratio import travel_ratio
 from driver.parameters.covariance import COVARIANCE_PARAMETERS, NOISE_RATIO
 from driver.results.diagnosis import diagnosis_record
 from driver.results.extended_case import (
@@ -42,8 +46,10 @@ from driver.results.files import (
     DIAGNOSIS_H5,
     EXTENDED,
     IDENTIFY,
+    IDENTIFY_CSV,
     MEASURE,
     NOISE_MAP,
+    REPORT_CSV,
 )
 from driver.results.hdf5 import read_hdf5
 from driver.results.identification import read_identification, value_told, write_fits
@@ -119,9 +125,15 @@ def run_diagnose(context: StageContext) -> None:
         error_budget(problem, diagnosis.extended.best, free_chi),
     )
     record = diagnosis_record(diagnosis, problem.objective, problem.law, budgets, decks, where)
-    write_json(context.workdir / DIAGNOSIS, record | {"meshes": _meshes(case)})
+    write_json(
+        context.workdir / DIAGNOSIS,
+        record
+        | {"meshes": _meshes(case)}
+        | _of_final(diagnosis.extended, problem.objective, problem.experiment.history),
+    )
     fits = {"before": diagnosis.baseline, "after": diagnosis.extended}
-    write_fits(context.workdir / DIAGNOSIS_H5, fits, problem)
+    slip = slip_activity(diagnosis.objective.model, diagnosis.extended)
+    write_fits(context.workdir / DIAGNOSIS_H5, fits, problem, slip)
     if NOISE_RATIO.name in diagnosis.levels:
         write_noise_map(case, diagnosis, context.workdir / NOISE_MAP)
     write_case(extended_case(case, diagnosis), context.workdir / EXTENDED)
@@ -139,10 +151,25 @@ def _meshes(case: Case) -> dict[str, Any]:
     }
 
 
+def _of_final(final: Fit, objective: Objective, history: History) -> dict[str, Any]:
+    """Tell and return what to look at of the parameters of the final model."""
+    warnings, ratio = far_off_told(final), travel_ratio(final, objective.parameters, history)
+    for warning in warnings:
+        logger.info(f"  WARNING: {warning}")
+    if ratio is not None:
+        logger.info(f"  {ratio.sentence()}")
+    return {"warnings": list(warnings), "travel_ratio": None if ratio is None else asdict(ratio)}
+
+
 def _tell(found: Diagnosis, where: ResidualLocalisation, problem: IdentificationProblem) -> None:
     """Tell the verdict, where the model misses the data, what was added, what to do next."""
     logger.info(f"verdict: {found.verdict.kind}. {found.verdict.text}")
     logger.info(f"  {as_text(where)}")
+    if found.causes:
+        logger.info(
+            f"  {IDENTIFY_CSV} holds the identified model, which this rejects; the parameters of "
+            f"the extended one stand in {REPORT_CSV}, which the stage report writes"
+        )
     for name in added_parameters(found):
         logger.info(f"  {value_told(name, found.extended, problem.objective.parameters)}")
         if (off := found.off_by_mesh(name)) is not None:

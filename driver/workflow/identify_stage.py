@@ -14,6 +14,7 @@ from driver.experiment.history import History
 from driver.identification.identify import identify, with_correction
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.problem import IdentificationProblem, build_problem, seen_by_correlation
+from driver.identification.travel_ratio import travel_ratio
 from driver.parameters.boundary import LAMBDAS, elongation_names
 from driver.results.files import FINE_MESH, MEASURE, MESH, job_store
 from driver.results.hdf5 import read_hdf5
@@ -70,6 +71,9 @@ def run_identify(context: StageContext) -> None:
         logger.info(f"  {value_told(name, final, problem.objective.parameters)}")
     for warning in warnings_of(identification):
         logger.info(f"  {warning}")
+    ratio = travel_ratio(final, problem.objective.parameters, problem.experiment.history)
+    if ratio is not None:
+        logger.info(f"  {ratio.sentence()}")
     logger.info(
         f"  budget: noise 1, free correlation {budget['free']:.2f}, "
         f"this model {budget['model']:.2f} (images), {budget['load']:.2f} (loads)"

@@ -10,8 +10,8 @@ import numpy as np
 from driver.case.model import Case
 from driver.common.errors import InputError
 from driver.common.splines.images import variance_gain
-from driver.dic.derived_quantities import readings
-from driver.dic.grip_check import grip_motion
+from driver.dic.derived_quantities import readings, without_penalty
+from driver.dic.grip_check import WithoutPenalty, grip_motion
 from driver.dic.series import SurfaceMotion, measure
 from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.dic.system import sensitivity
@@ -88,6 +88,7 @@ def measure_numbers(context: StageContext) -> None:
     left = left_out(outliers, images.n_frames) | single.lost
     motion, smoother = _along_travel(case, single, images, history.stage[rows], ~left)
     read = readings(single, images, case.specimen.length, motion, smoother)
+    free = without_penalty(single, images, case.specimen.length)
     tell_readings(single, motion, read)
     tell_frames(single, outliers, left, read["elongation"])
     doubtful = left | ~single.converged
@@ -107,13 +108,14 @@ def measure_numbers(context: StageContext) -> None:
         phase_of_images(history),
         ~left,
         nominal,
+        WithoutPenalty(free.value, free.sigma, read["elongation"].held),
     )
     for line in sentences(grip):
         logger.info(f"  {line}")
     write_measurement(
         context.workdir,
         Measurement(
-            case, experiment, images, motion, read, grip, refined.gradient, rigid,
+            case, experiment, images, motion, read, free, grip, refined.gradient, rigid,
             _fields(images, motion), left, noise, later, smoother,
         ),
     )  # fmt: skip

@@ -22,7 +22,7 @@ from driver.report.measured_figures import FIGURES
 from driver.results.hdf5 import read_hdf5, write_hdf5
 from driver.workflow.engine import StageContext
 from meshes.arrays import FloatArray, IntArray
-from meshes.files import write_med
+from meshes.files import read_med, write_med
 from meshes.prism import generate
 from tests.driver.stated_sizes import stated_case
 
@@ -178,6 +178,8 @@ def _write_measured(path: Path, time: FloatArray, rng: np.random.Generator) -> N
             "phase": (np.array(PHASE), "1"),
             "grip/nominal": (12.0 / 32e3, "1"),
             "grip/sigma": (0.0005, "µm"),
+            "grip/unpenalised_sigma": (np.inf, "µm"),
+            "elongation_unpenalised": (np.zeros(T), "µm"),
         },
     )
     for name in FIGURES:
@@ -243,6 +245,7 @@ def _write_identified(folder: Path) -> None:
             "final/load": (load, "µN"),
             "final/motion": (np.zeros((len(STAGE), pixels()[0].size, 3), np.float32), "µm"),
             "final/rho": (np.zeros((len(STAGE), pixels()[0].size), np.float32), "µm"),
+            **_slips(folder),
         },
         {
             "names": json.dumps(names),
@@ -277,6 +280,18 @@ def _write_identified(folder: Path) -> None:
     (folder / "stages.json").write_text(json.dumps(done), "utf-8")
 
 
+def _slips(folder: Path) -> dict[str, tuple[FloatArray, str]]:
+    """Slips that grow to 1, 2, … 24 per mille, those of grain 2 the other way round."""
+    T, n_cells = len(STAGE), len(read_med(folder / "mesh.med").cells)
+    end = 1e-3 * np.arange(1.0, 25.0)
+    grown = np.linspace(0.0, 1.0, T)[:, None, None] * np.stack([end, end[::-1]])
+    return {
+        "slip/images": (np.arange(T, dtype=np.float64), "1"),
+        "slip/grains": (grown, "1"),
+        "slip/cells": (np.linspace(0.1, 0.5, n_cells), "1"),
+    }
+
+
 def _write_diagnosed(folder: Path, rng: np.random.Generator) -> None:
     rows, _ = pixels()
     T = len(STAGE)
@@ -287,7 +302,7 @@ def _write_diagnosed(folder: Path, rng: np.random.Generator) -> None:
         arrays[f"{side}/motion"] = (np.zeros((T, rows.size, 3), np.float32), "µm")
         rho = noise * rng.standard_normal((T, rows.size))
         arrays[f"{side}/rho"] = (rho.astype(np.float32), "µm")
-    write_hdf5(folder / "diagnosis.h5", arrays)
+    write_hdf5(folder / "diagnosis.h5", arrays | _slips(folder))
     advice = {"causes": [], "changes": [], "text": ""}
     (folder / "advice.json").write_text(json.dumps(advice), "utf-8")
     (folder / "diagnosis.json").write_text(json.dumps(diagnosis()), "utf-8")
@@ -337,6 +352,8 @@ def diagnosis() -> dict[str, Any]:
         },
         "numerics": {"effect_sigma": 0.31, "on": "grain_contrast", "passed": True,
                      "off_by_mesh": {"tau0_grain2": 0.0072}},
+        "warnings": ["far off the prior, in widths of it: d by +3.4"],
+        "travel_ratio": {"value": 5.1e-4, "sigma": 0.05e-4, "of_phases": 0.9e-4},
         "baseline": _fitted(),
         "extended": _fitted(copy.deepcopy(added).items()),
         "steps": [

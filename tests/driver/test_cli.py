@@ -74,6 +74,19 @@ def case_path(tmp_path: Path) -> Path:
     return tmp_path / "a" / "case.toml"
 
 
+def test_init_names_the_files_of_instruments_an_ebsd_map_and_a_log(tmp_path: Path) -> None:
+    named = ("--frames", "scan_*.sur", "--repeats", "rest_*.sur", "--history", "log.csv")
+    assert invoke("init", tmp_path, *named, "--ebsd", "map.ang").exit_code == 0
+    case = load_case(tmp_path / "case.toml")
+    assert (case.images.frames, case.images.repeats, case.images.flats) == (*named[1:4:2], None)
+    # Heights of instruments are lengths.
+    assert (case.images.height_per_level_nm, case.images.off_surface_level) == (1.0, "none")
+    assert case.history.file == "log.csv" and [g.ebsd for g in case.grains] == ["map.ang"] * 2
+    empty = invoke("init", tmp_path / "b", "--ebsd", "")
+    assert empty.exit_code == 1 and not (tmp_path / "b").exists()
+    assert empty.stderr.strip().endswith("--ebsd: found nothing, expected the name of a file")
+
+
 def test_init_writes_a_valid_case_and_its_schema_and_overwrites_nothing(case_path: Path) -> None:
     assert len(load_case(case_path).grains) == 2
     assert (case_path.parent / "case.schema.json").is_file()

@@ -12,6 +12,7 @@ from pathlib import Path
 import h5py
 
 from driver.common.errors import show, why
+from driver.common.file_kinds import kind_by_content
 from driver.experiment.images.files import Refused
 
 MOST_POINTS = 10_000_000
@@ -24,7 +25,7 @@ _PATTERNS = ("RawPatterns", "EBSDPatterns")  # images of the detector, which nob
 _MOST_LINES = 1000  # of a header
 _ANG_ENTRY = re.compile(r"^#\s*(GRID|XSTEP|YSTEP|NCOLS_ODD|NCOLS_EVEN|NROWS):\s*(\S+)")
 _CTF_ENTRY = re.compile(r"^(XCells|YCells|XStep|YStep|AcqE[123])\s+(\S+)")
-_CTF_COLUMNS = "Phase\tX\tY"
+CTF_COLUMNS = "Phase\tX\tY"
 _BLOCK = 1 << 22
 
 
@@ -58,6 +59,7 @@ def refuse_unfit_file(file: Path) -> None:
     try:
         if not file.is_file():
             raise Refused("nothing" if not file.exists() else "no file", EXPECTED)
+        _refuse_another_kind(file)
         size = file.stat().st_size
         _refuse_more(size, 0)
         if file.suffix.lower() in HDF5:
@@ -66,6 +68,21 @@ def refuse_unfit_file(file: Path) -> None:
             _refuse_more(size, _lines(file))
     except (OSError, ValueError) as error:
         raise Refused(why(error), EXPECTED + " that can be read") from None
+
+
+def _refuse_another_kind(file: Path) -> None:
+    """Refuse a file whose content is not of the kind that its ending says.
+
+    Raises:
+        Refused: it is empty, a picture, an archive or the like.
+        OSError: it cannot be read.
+    """
+    kind = kind_by_content(file)
+    if file.suffix.lower() in HDF5:
+        if not h5py.is_hdf5(file):
+            raise Refused(kind or "no HDF5 file", f"{EXPECTED} that is whole: export it anew")
+    elif kind:
+        raise Refused(kind, f"{EXPECTED} that is whole: export the map with its points")
 
 
 def read_header(file: Path) -> Header:
@@ -98,7 +115,7 @@ def _entries(file: Path, ang: bool) -> Iterator[tuple[str, str]]:
     pattern = _ANG_ENTRY if ang else _CTF_ENTRY
     with file.open(encoding="utf-8", errors="replace") as text:
         for line in itertools.islice(text, _MOST_LINES):
-            if not line.startswith("#") if ang else line.startswith(_CTF_COLUMNS):
+            if not line.startswith("#") if ang else line.startswith(CTF_COLUMNS):
                 return
             match = pattern.match(line)
             if match:

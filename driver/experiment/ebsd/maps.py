@@ -21,6 +21,7 @@ from driver.experiment.ebsd.headers import (
     refuse_unfit_file,
 )
 from driver.experiment.ebsd.orix_library import compiled_apart
+from driver.experiment.ebsd.text_faults import text_fault
 from driver.experiment.images.files import Refused
 from meshes.arrays import BoolArray, FloatArray, IntArray
 
@@ -125,7 +126,13 @@ def _loaded(file: Path) -> Any:
             warnings.simplefilter("ignore")
             return load(file, **named)
     except Exception as error:  # its readers raise what their parts raise
-        raise Refused(_said(error), _whole(file)) from None
+        raise _fault(file, error) from None
+
+
+def _fault(file: Path, error: BaseException) -> Refused:
+    """Return what is wrong with a file that cannot be read, in the words of its reader at last."""
+    known = None if file.suffix.lower() in HDF5 else text_fault(file)
+    return known or Refused(_said(error), _whole(file))
 
 
 def _whole(file: Path) -> str:
@@ -160,7 +167,7 @@ def _marked(file: Path) -> BoolArray | None:
     try:
         columns = np.loadtxt(file, usecols=(0, 1, 2, 6), ndmin=2)
     except (ValueError, OSError) as error:
-        raise Refused(_said(error), _whole(file)) from None
+        raise _fault(file, error) from None
     angles = columns[:, :3]
     marked = (np.abs(angles - _FOUR_PI) < _NEARLY).all(axis=1) | (columns[:, 3] == -1.0)
     largest = np.abs(angles[~marked]).max(initial=0.0)

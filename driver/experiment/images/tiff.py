@@ -16,6 +16,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from driver.common.errors import why
+from driver.common.file_kinds import TIFF_FILE, kind_by_content
 from driver.experiment.images.file_frames import FileFrames, Levels, contiguous, stack_shape
 from driver.experiment.images.files import Refused
 from driver.experiment.images.length_units import nanometres
@@ -35,9 +36,12 @@ def open_tiff(file: Path) -> FileFrames:
         except Refused:
             raise
         except Exception as error:  # every decoder behind tifffile raises its own type
-            raise Refused(why(error), "a TIFF file that can be read") from None
+            kind = "" if isinstance(error, OSError) else kind_by_content(file)
+            if kind and kind != TIFF_FILE:
+                raise Refused(kind, "a TIFF file, or the ending of that kind") from None
+            raise Refused(why(error), "a TIFF file that is whole: copy or save it anew") from None
     if log.messages:
-        raise Refused(f"“{log.messages[0]}”", "a TIFF file that is whole")
+        raise Refused(f"“{log.messages[0]}”", "a TIFF file that is whole: copy or save it anew")
     return frames
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.dic.grip_check import GripMotion, grip_motion
+from driver.dic.grip_check import GripMotion, WithoutPenalty, grip_motion
 from meshes.arrays import FloatArray
 
 RATIO, NOMINAL, SIGMA = 2e-4, 12.0 / 32e3, 0.0026  # of the paper; a tenth of its noise [µm]
@@ -16,15 +16,18 @@ STAGE = np.concatenate([[0.0], np.cumsum(STEPS)])
 PHASE = np.concatenate([[0], np.repeat(np.arange(6), [26, 6] * 3)])
 ALL = np.ones(STAGE.size, dtype=bool)
 
+NONE = WithoutPenalty(np.empty(0), np.inf, 0.0)  # regularisation that holds nothing back
+
 
 def checked(
     change: Callable[[FloatArray], FloatArray] = lambda e: e,
     seed: int = 0,
     sigma: float = SIGMA,
     used: NDArray[np.bool_] = ALL,
+    free: WithoutPenalty = NONE,
 ) -> GripMotion:
     noise = sigma * np.random.default_rng(seed).standard_normal(STAGE.size)
-    return grip_motion(STAGE, change(RATIO * STAGE) + noise, sigma, PHASE, used, NOMINAL)
+    return grip_motion(STAGE, change(RATIO * STAGE) + noise, sigma, PHASE, used, NOMINAL, free)
 
 
 def is_silent(found: GripMotion) -> bool:
@@ -107,7 +110,7 @@ def test_an_image_that_is_left_out_already_is_not_looked_at() -> None:
 
 def test_scatter_beyond_the_noise_widens_the_sigma() -> None:
     noise = 3 * SIGMA * np.random.default_rng(1).standard_normal(STAGE.size)
-    found = grip_motion(STAGE, RATIO * STAGE + noise, SIGMA, PHASE, ALL, NOMINAL)
+    found = grip_motion(STAGE, RATIO * STAGE + noise, SIGMA, PHASE, ALL, NOMINAL, NONE)
     sound = checked()
     assert found.scatter == pytest.approx(3.0, rel=0.25)
     assert found.ratio.sigma > 2.2 * sound.ratio.sigma
@@ -116,9 +119,37 @@ def test_scatter_beyond_the_noise_widens_the_sigma() -> None:
 def test_two_images_are_enough_for_a_ratio() -> None:
     found = grip_motion(
         np.array([0.0, 10.0]), np.array([0.0, 0.002]), 0.026, np.zeros(2, dtype=np.int64),
-        np.ones(2, dtype=bool), NOMINAL,
+        np.ones(2, dtype=bool), NOMINAL, NONE,
     )  # fmt: skip
     assert found.ratio.value == pytest.approx(2e-4)
     # A difference of two images over 10 µm.
     assert found.ratio.sigma == pytest.approx(0.026 * np.sqrt(2) / 10.0)
     assert found.phases[0].bow is None and not found.turns
+
+
+def test_what_is_held_back_widens_every_ratio_by_the_same_share_and_bends_no_line() -> None:
+    plain = checked()
+    held = checked(free=WithoutPenalty(np.empty(0), np.inf, 0.002))
+    # 2 nm of the root mean square of the elongation, of the same noise in both.
+    noise = SIGMA * np.random.default_rng(0).standard_normal(STAGE.size)
+    share = 0.002 / np.sqrt(np.mean((RATIO * STAGE + noise) ** 2))
+    assert held.ratio.sigma == pytest.approx(np.hypot(plain.ratio.sigma, share * plain.ratio.value))
+    for loading in (True, False):
+        narrow, wide = plain.ratio_of(loading), held.ratio_of(loading)
+        assert narrow is not None and wide is not None and wide.value == narrow.value
+        assert wide.sigma == pytest.approx(np.hypot(narrow.sigma, share * narrow.value))
+    assert (held.turns, held.phases, held.scatter) == (plain.turns, plain.phases, plain.scatter)
+
+
+@pytest.mark.parametrize(("held", "better"), [(0.004, True), (0.0001, False)])
+def test_the_ratio_is_that_without_penalty_where_that_is_known_better(
+    held: float, better: bool
+) -> None:
+    """An elongation with twice the noise that is a tenth less, against one that is held back."""
+    noise = 2 * SIGMA * np.random.default_rng(2).standard_normal(STAGE.size)
+    free = WithoutPenalty(0.9 * RATIO * STAGE + noise, 2 * SIGMA, held)
+    found = checked(free=free)
+    assert found.unpenalised == better
+    expected = np.polyfit(STAGE, free.elongation, 1)[0] if better else checked().ratio.value
+    assert found.ratio.value == pytest.approx(expected, rel=1e-9)
+    assert found.slips == checked().slips and found.turns == checked().turns

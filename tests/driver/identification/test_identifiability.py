@@ -7,6 +7,8 @@ from driver.common.errors import InputError
 from driver.identification.fit import fit
 from driver.identification.identifiability import (
     PriorRule,
+    far_off_prior,
+    far_off_told,
     null_vector,
     prior_shares,
     refuse_what_is_not_seen,
@@ -46,6 +48,22 @@ def test_a_parameter_that_the_data_hardly_see_is_named_with_how_far_they_moved_i
         f"{rule.moved:+.1f} widths off its mean"
     )
     assert PriorRule("d", 0.7, 0.01).sentence().endswith("its prior, at whose mean it stays")
+
+
+def test_what_is_more_than_three_widths_off_its_prior_is_told_in_one_sentence() -> None:
+    """Data that want λ⁻_Z at 5, τ0 at 2 and d at −4 widths of their priors, and see them well."""
+    names = ("lambda_minus_Z", "tau0", "d")
+    parameters = [Parameter(name, "", 0.0, 1.0) for name in names]
+    wanted = np.array([5.0, 2.0, -4.0]) * (widths := np.array([0.2, 0.2, 0.5]))
+    rows = 1e3 * np.linalg.qr(SEEN.T)[0].T
+    prior = {name: (0.0, width) for name, width in zip(names, widths, strict=True)}
+    objective = formula(lambda p: (p @ rows, rows), wanted @ rows, parameters, prior)
+    found = fit(objective, dict.fromkeys(names, 0.0), names, 20, tolerance=1e-9)
+    assert far_off_prior(found) == pytest.approx({"lambda_minus_Z": 5.0, "d": -4.0}, rel=1e-4)
+    (told,) = far_off_told(found)
+    assert told.startswith("far off the prior, in widths of it: λ⁻_Z by +5.0 and d by -4.0; ")
+    near = formula(lambda p: (p @ rows, rows), 0.5 * wanted @ rows, parameters, prior)
+    assert far_off_told(fit(near, dict.fromkeys(names, 0.0), names, 20, tolerance=1e-9)) == ()
 
 
 def test_what_data_and_prior_both_see_is_accepted() -> None:

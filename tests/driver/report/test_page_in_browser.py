@@ -25,8 +25,9 @@ CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed")
 
 DRAWN = (
-    "budget", "specimen", "motion", "fields", "loads", "residual_maps", "residual_over_strain",
-    "residual_history", "evidence_1", "evidence_2", "sensitivity", "correlation", "convergence",
+    "budget", "specimen", "loading_axes", "slip", "motion", "fields", "loads", "residual_maps",
+    "residual_over_strain", "residual_history", "evidence_1", "evidence_2", "sensitivity",
+    "correlation", "convergence",
 )  # fmt: skip
 # One grey pixel.
 PNG = base64.b64decode(
@@ -80,7 +81,7 @@ def page(browser: Any, file: Path, told: list[str]) -> Page:
     opened.on("pageerror", lambda error: told.append(str(error)))
     opened.on("request", lambda asked: told.append(asked.url))
     opened.goto(file.as_uri())
-    opened.wait_for_function(READY)
+    opened.wait_for_function(f"() => {READY}")
     return opened
 
 
@@ -101,7 +102,7 @@ def test_arrow_keys_go_from_image_to_image_and_the_motion_shown_is_that_of_the_i
             page.keyboard.press("ArrowLeft")
         image = PEAKS[1] - keys
         page.wait_for_function(
-            f"document.getElementById('readout').textContent.match('^Image {image}:')"
+            f"() => document.getElementById('readout').textContent.match('^Image {image}:')"
         )
         v, y = field(page, 0), page.evaluate("document.getElementById('maps').data[0].x")
         # v = elongation · Y / 12 µm, in nm, less its mean
@@ -112,7 +113,7 @@ def test_arrow_keys_go_from_image_to_image_and_the_motion_shown_is_that_of_the_i
 def test_the_strain_is_the_slope_of_the_motion(page: Page) -> None:
     page.select_option("#component", "yy")
     page.wait_for_function(
-        "document.getElementById('maps').data[0].hovertemplate.includes('%<extra')"
+        "() => document.getElementById('maps').data[0].hovertemplate.includes('%<extra')"
     )
     strain = [value for row in field(page, 0) for value in row]
     # Fields are rounded to 0.02 nm, differences stand 0.44 µm apart.
@@ -134,20 +135,32 @@ def test_a_click_on_the_loop_chooses_the_image_and_the_marker_stands_there(page:
     )
     page.mouse.move(*place)
     page.mouse.click(*place)
-    page.wait_for_function(f"document.getElementById('image').value == {wanted}")
-    page.wait_for_function(f"document.getElementById('loop').data[3].x[0] == {STAGE[wanted]}")
+    page.wait_for_function(f"() => document.getElementById('image').value == {wanted}")
+    page.wait_for_function(f"() => document.getElementById('loop').data[3].x[0] == {STAGE[wanted]}")
 
 
 def test_the_specimen_is_turned_by_keys(page: Page) -> None:
     page.eval_on_selector("#turned", "part => part.scrollIntoView()")
     eye = "document.getElementById('solid')._fullLayout.scene._scene.getCamera().eye"
-    page.wait_for_function("document.getElementById('solid')._fullLayout?.scene?._scene")
+    page.wait_for_function("() => document.getElementById('solid')._fullLayout?.scene?._scene")
     before = page.evaluate(eye)
     page.focus("#solid")
     page.keyboard.press("ArrowRight")
-    page.wait_for_function(f"Math.abs({eye}.x - {before['x']}) > 0.01")
+    page.wait_for_function(f"() => Math.abs({eye}.x - {before['x']}) > 0.01")
     after = page.evaluate(eye)
     assert after["z"] == pytest.approx(before["z"])
+
+
+def test_the_specimen_is_coloured_by_slip_where_that_is_chosen(page: Page) -> None:
+    page.eval_on_selector("#turned", "part => part.scrollIntoView()")
+    page.wait_for_function("() => document.getElementById('solid')._fullLayout?.scene?._scene")
+    page.select_option("#paint", "slip")
+    page.wait_for_function("() => document.getElementById('solid').data[0].intensity")
+    values = page.evaluate("Array.from(document.getElementById('solid').data[0].intensity)")
+    # Of the cells of the invented mesh 10 to 50 %, those inside not seen.
+    assert 9.99 < min(values) < 20.0 and 40.0 < max(values) < 50.01
+    page.select_option("#paint", "grain")
+    page.wait_for_function("() => document.getElementById('solid').data[0].facecolor")
 
 
 def test_nothing_is_complained_of_or_asked_for_and_names_stay_text(
@@ -162,7 +175,7 @@ def test_nothing_is_wider_than_a_phone_with_all_parts_open(browser: Any, file: P
     phone = browser.new_page(viewport={"width": 390, "height": 844})
     phone.set_default_timeout(PATIENCE)
     phone.goto(file.as_uri())
-    phone.wait_for_function(READY)
+    phone.wait_for_function(f"() => {READY}")
     width = "document.documentElement.scrollWidth"
     assert phone.evaluate(width) <= 390
     phone.evaluate("document.querySelectorAll('details').forEach(part => { part.open = true; })")

@@ -22,7 +22,7 @@ KEYS = {
     "": {
         "verdict", "causes", "sets", "text", "next", "added", "flips", "whereabouts", "gain",
         "numerics", "load_noise", "bad_loads", "not_found", "not_examined", "baseline", "extended",
-        "steps", "decks", "meshes",
+        "steps", "decks", "meshes", "warnings", "travel_ratio",
     },
     "meshes": {"cells", "mesh_size_um", "fine_mesh_size_um", "refined"},
     "whereabouts": {"text", "before", "after"},
@@ -36,6 +36,7 @@ KEYS = {
     "gain.budget_before": {"noise", "free", "model", "basis", "load"},
     "gain.budget_after": {"noise", "free", "model", "basis", "load"},
     "numerics": {"effect_sigma", "on", "passed", "needed", "between_meshes", "off_by_mesh"},
+    "travel_ratio": {"value", "sigma", "of_phases"},
     "load_noise": {"stated_uN", "found_uN", "degrees"},
     "baseline": {"values", "converged", "reason"},
     "extended": {"values", "converged", "reason"},

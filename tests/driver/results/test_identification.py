@@ -64,6 +64,7 @@ DATASETS = {
     "values": ((K,), "see units"), "sigma": ((K,), "see units"), "start": ((K,), "see units"),
     "covariance": ((K, K), "of θ"), "correlation": ((K, K), "1"),
     "prior/mean": ((K,), "see units"), "prior/width": ((K,), "of θ"), "prior_share": ((K,), "1"),
+    "travel_ratio": ((3,), "1"),
     "initial/load": ((T,), "µN"), "correction/load": ((T,), "µN"),
     "correction/motion": ((T, P, 3), "µm"), "correction/parts": ((), "1"),
     "noise_factor": ((), "1"), "kinematic_hessian": ((7, 7), "of log p"),
@@ -74,11 +75,12 @@ DATASETS = {
     "final/motion": ((T, P, 3), "µm"), "final/rho": ((T, P), "µm"),
 }  # fmt: skip
 # Written for backward Euler, for several starts, for a noisy boundary, and for a solver that tells
-# its trajectory.
+# its trajectory and slips.
 AT_TIMES = {
     "correction/steps_motion", "correction/steps_load", "starts/cost", "starts/NAME", "jitter/load",
     "jitter/image", "trajectory/times", "trajectory/displacement",
     "finer_trajectory/times", "finer_trajectory/displacement",
+    "slip/images", "slip/grains", "slip/cells",
 }  # fmt: skip
 
 
@@ -138,7 +140,7 @@ def test_the_datasets_of_an_identification_fit_each_other(finished: Path) -> Non
 def test_the_table_of_an_identification_has_a_free_parameter_a_row(finished: Path) -> None:
     with (finished / "identify.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert list(rows[0]) == ["parameter", "value", "sigma", "unit"]
+    assert list(rows[0]) == ["parameter", "value", "sigma", "unit", "model"]
     assert [row["parameter"] for row in rows] == NAMES
     assert [row["unit"] for row in rows] == UNITS
     with h5py.File(finished / "identify.h5", "r") as results:

@@ -24,6 +24,7 @@ DATASETS = {
     "noise_map": ((P,), "µm"), "noise_map_dof": ((), "1"), "noise_larger": ((P,), "1"),
     "rigid": ((T, 3), "µm"), "left_out": ((T,), "1"), "phase": ((T,), "1"),
     "grip/nominal": ((), "1"), "grip/sigma": ((), "µm"), "grip/ratio": ((), "1"),
+    "grip/unpenalised_sigma": ((), "µm"), "elongation_unpenalised": ((T,), "µm"),
     "grip/ratio_sigma": ((), "1"), "grip/scatter": ((), "1"),
     "motion": ((T, P, 3), "µm"), "coefficients": ((T, N), "µm"),
     "covariance_one": ((N, N), "µm²"), "nodes_uv": ((UV, 2), "µm"), "nodes_w": ((W, 2), "µm"),

@@ -227,7 +227,7 @@ def test_the_identification_is_written_with_its_uncertainty(finished: Run) -> No
     assert found["prior/width"].shape == found["prior/mean"].shape == (n,)
     assert found["initial/load"].shape == found["final/load"].shape
     text = (finished.results / "identify.csv").read_text("utf-8").splitlines()
-    assert text[0] == "parameter,value,sigma,unit" and len(text) == n + 1
+    assert text[0] == "parameter,value,sigma,unit,model" and len(text) == n + 1
     stages = json.loads((finished.results / "identify_history.json").read_text("utf-8"))
     assert list(stages) == ["A", "B", "C"]
     assert all("σ" in stage["reason"] and stage["seconds"] > 0 for stage in stages.values())

@@ -30,7 +30,7 @@ from tests.driver.ebsd_files import grid, write_ctf
 from tests.driver.invented_results import Results
 
 FIGURES = (
-    "budget", "specimen", "motion", "fields", "loads", "residual_maps",
+    "budget", "specimen", "loading_axes", "slip", "motion", "fields", "loads", "residual_maps",
     "residual_over_strain", "residual_history", "evidence_1", "evidence_2", "sensitivity",
     "correlation", "convergence",
 )  # fmt: skip
@@ -142,9 +142,25 @@ def test_parameters_of_the_final_model_stand_in_a_table_beside_those_before(made
         rows = {row["parameter"]: row for row in csv.DictReader(file)}
     assert rows["tau0_grain2"] == {
         "parameter": "tau0_grain2", "value": "1.1493", "sigma": "0.0041", "unit": "",
-        "value_before": "", "sigma_before": "",
+        "value_before": "", "sigma_before": "", "model": "extended",
     }  # fmt: skip
     assert (rows["tau0"]["value"], rows["tau0"]["value_before"]) == ("21.34", "21.34")
+
+
+def test_the_systems_that_slipped_most_stand_with_schmid_factor_and_share(page: str) -> None:
+    text = shown(page)
+    part = text[text.index("Slip and orientations") :]
+    # The last system of grain 1 slips by 24 of 300 per mille.
+    assert "(1 1 −2) [1 1 1]" in part and "2.40 % 8 %" in part
+    assert "by the extended model" in part
+
+
+def test_what_the_final_model_has_far_off_its_prior_and_the_motion_of_its_ends_are_shown(
+    page: str,
+) -> None:
+    text = shown(page)
+    assert "To be looked at: far off the prior, in widths of it: d by +3.4." in text
+    assert "motion of the ends" in text and "the elongation is (5.10 ± 0.05)·10⁻⁴" in text
 
 
 def test_each_residual_of_one_model_is_told_with_what_it_is_over(page: str) -> None:
@@ -225,8 +241,8 @@ def test_identified_parameters_are_written_with_interval_prior_and_its_share(pag
     assert "τ₀ tau0 MPa 40.00 5.6 to 280 21.34 ± 0.12 21.11 to 21.58 &lt; 1 %" in text
     assert "c c GPa 40.00 5.6 to 280 44.1 ± 0.4 43.4 to 44.8 &lt; 1 %" in text
     assert "d d 1 1500 1500 to 1500 1140 ± 13 1115 to 1166 83 %" in text
-    assert "Not decided by the data: d: the data hardly see it." in text
-    assert "Not decided by the data: λ⁺_Y stands at 5." in text
+    assert "To be looked at: d: the data hardly see it." in text
+    assert "To be looked at: λ⁺_Y stands at 5." in text
     assert "ΔU_Y, knot 1 elongation_1 nm 0 none 30.00 ± 0.20 29.61 to 30.39 –" in text
     assert "Strongest: c and d (−0.93)." in text
 

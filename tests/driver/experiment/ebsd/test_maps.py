@@ -196,7 +196,7 @@ def test_a_file_that_was_cut_is_refused(tmp_path: Path) -> None:
     expected = "a file that is whole: export it anew"
     assert refused(tmp_path / "b.ang") == ("19 points, but 24 by its header", expected)
     (tmp_path / "c.ang").write_text(whole[:-40], encoding="utf-8")
-    assert refused(tmp_path / "c.ang")[1] == "an .ang file that is whole"
+    assert refused(tmp_path / "c.ang")[1] == "an .ang file that is whole: export it anew"
     cut = write_ctf(tmp_path / "a.ctf", X, Y, FIRST).read_text("utf-8").splitlines(keepends=True)
     (tmp_path / "b.ctf").write_text("".join(cut[:-1]), encoding="utf-8")
     assert refused(tmp_path / "b.ctf") == ("23 points, but 24 by its header", expected)
@@ -217,7 +217,7 @@ def test_what_is_no_number_among_the_points_is_refused(tmp_path: Path) -> None:
     assert (found, expected) == ("coordinates or angles that are no numbers", "numbers")
     x = np.where(X == 1.0, np.nan, X)
     file = write_ctf(tmp_path / "b.ctf", x, Y, FIRST, header={"XStep": "0.5", "XCells": "0"})
-    assert refused(file)[1] == "a .ctf file that is whole"
+    assert refused(file)[1] == "a .ctf file that is whole: export it anew"
 
 
 def test_a_map_without_an_orientation_is_refused(tmp_path: Path) -> None:

@@ -1,0 +1,67 @@
+"""The case that `prismid init` writes, with the files that its user names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+from driver.case.grains import Grain
+from driver.case.history import HistoryTable
+from driver.case.images import Images
+from driver.case.material import Crystal
+from driver.case.model import Case, CaseError, default_case
+from driver.case.specimen import Shape
+from driver.common.errors import sentence
+
+
+@dataclass(frozen=True)
+class NewFiles:
+    """Names of files as the case has them, seen from its folder; None for the usual ones.
+
+    Attributes:
+        frames: height maps of the test.
+        repeats: those of the unloaded specimen.
+        flats: those of a flat surface.
+        history: the log.
+        ebsd: EBSD map of both grains; None for Bunge angles.
+    """
+
+    frames: str | None = None
+    repeats: str | None = None
+    flats: str | None = None
+    history: str | None = None
+    ebsd: str | None = None
+
+
+def new_case(path: Path, files: NewFiles, crystal: Crystal = "bcc", shape: Shape = "prism") -> Case:
+    """Return the default case with these files.
+
+    Flats that are not named are left out where frames are: of another kind of file the heights
+    are of another kind, too.
+
+    Args:
+        path: the case file that is to be written.
+        files: what it names.
+        crystal: whose slip systems and constants it has.
+        shape: of the specimen.
+
+    Raises:
+        CaseError: a name is empty.
+        InputError: an installed term of the user's own cannot be used.
+    """
+    for field in fields(files):
+        if getattr(files, field.name) == "":
+            raise CaseError(sentence(path, f"--{field.name}", "nothing", "the name of a file"))
+    case = default_case(crystal, shape)
+    of_case: dict[str, object] = {}
+    if files.frames or files.repeats or files.flats:
+        of_case["images"] = Images(
+            frames=files.frames or case.images.frames,
+            repeats=files.repeats or case.images.repeats,
+            flats=files.flats or (None if files.frames else case.images.flats),
+        )
+    if files.history:
+        of_case["history"] = HistoryTable(file=files.history)
+    if files.ebsd:
+        of_case["grains"] = tuple(Grain(name=g.name, ebsd=files.ebsd) for g in case.grains)
+    return case.model_copy(update=of_case)
