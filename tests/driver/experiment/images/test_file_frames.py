@@ -12,33 +12,33 @@ import numpy as np
 import pytest
 import tifffile
 
+from driver.experiment.images.file_frames import Levels
 from driver.experiment.images.formats import open_file
-from meshes.arrays import IntArray
 
 LEVELS = np.arange(3 * 8 * 16, dtype=np.uint16).reshape(3, 8, 16) * 37
 
 
-def contiguous(file: Path, levels: IntArray) -> None:
+def contiguous(file: Path, levels: Levels) -> None:
     tifffile.imwrite(file, levels, photometric="minisblack")
 
 
-def big_endian(file: Path, levels: IntArray) -> None:
+def big_endian(file: Path, levels: Levels) -> None:
     tifffile.imwrite(file, levels, byteorder=">", photometric="minisblack")
 
 
-def compressed(file: Path, levels: IntArray) -> None:
+def compressed(file: Path, levels: Levels) -> None:
     tifffile.imwrite(file, levels, compression="zlib", photometric="minisblack")
 
 
-def array(file: Path, levels: IntArray) -> None:
+def array(file: Path, levels: Levels) -> None:
     np.save(file, levels)
 
 
-def single(file: Path, levels: IntArray) -> None:
+def single(file: Path, levels: Levels) -> None:
     file.write_bytes(imagecodecs.png_encode(levels[0]))
 
 
-def chunks(file: Path, levels: IntArray) -> None:
+def chunks(file: Path, levels: Levels) -> None:
     with h5py.File(file, "w") as content:
         content.create_dataset("heights", data=levels, chunks=(2, 8, 16))
 
@@ -51,7 +51,7 @@ KINDS = [
 
 @pytest.mark.parametrize(("write", "suffix"), KINDS, ids=lambda of: getattr(of, "__name__", of))
 def test_frames_are_the_same_in_a_process_that_gets_them(
-    write: Callable[[Path, IntArray], None], suffix: str, tmp_path: Path
+    write: Callable[[Path, Levels], None], suffix: str, tmp_path: Path
 ) -> None:
     file = tmp_path / f"images{suffix}"
     write(file, LEVELS)
