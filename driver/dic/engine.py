@@ -103,7 +103,7 @@ class Solution:
         gains: heights of each image over those of the reference, as estimated.
         applied: gains that the reference was held against each image with, shape (T,).
         iterations: Gauss–Newton steps of the last iterations, (T,).
-        converged: whether the update fell below the tolerance, (T,).
+        converged: whether the update fell below the tolerance, or within the noise, (T,).
         reason: why each image's iteration ended, and what to try if it failed, length T.
     """
 
@@ -158,7 +158,8 @@ class Solution:
         """Covariance that the noise of one image causes in linear functionals of [u | v | w].
 
         σ² L A⁻¹ N A⁻¹ Lᵀ with A = M + P. Between the images t and t' it is to be multiplied by
-        δ_tt' + 1/n_reference. A penalty takes noise away and adds a bias, which is not in it.
+        δ_tt' + 1/n_reference. A penalty takes noise away and adds a bias, which is not in it. Of an
+        image that has turned u and v are along axes that turn with it.
 
         Args:
             functionals: L, shape (m, n).
@@ -271,7 +272,8 @@ def _solve(
         estimate = replace(estimate, sigma=_sigma(system, solved))
         squares /= estimate.sigma**2
     ends, unlike = [one.end for one in solved], _unlike(solved)
-    along = np.where(unlike, np.nan, [one.along for one in solved])
+    converged = np.array([end.reason == "converged" for end in ends])
+    along = np.where(converged & ~unlike, [one.along for one in solved], np.nan)
     return Solution(
         equations=equations,
         coefficients=np.array([end.p for end in ends]),
@@ -286,7 +288,7 @@ def _solve(
         gains=shown.gains(system, along, known, estimate.sigma, noise.n_reference),
         applied=known,
         iterations=np.array([end.iterations for end in ends]),
-        converged=np.array([end.reason == "converged" for end in ends]),
+        converged=converged,
         reason=tuple(explanation(one.end, tolerance, one.rms / relief) for one in solved),
     )
 

@@ -34,7 +34,7 @@ def explanation(end: End, tolerance: float, left: float) -> str:
     if left > NOT_FOUND:
         return (
             f"{why}, and {100 * left:.0f} % of the relief are left: its motion was not found; try "
-            "images in between or a start, or look at the image: focus, field, orientation"
+            "images in between, in Python a start, or look at the image: focus, field, orientation"
         )
     if end.last_sigma < 1.0:
         return f"{why}, {end.last_sigma:.1g} σ of what is read; try a larger tolerance"

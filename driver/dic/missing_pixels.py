@@ -97,7 +97,8 @@ class Equations:
         else:
             end = self.of(seen).iterate(image, start, tolerance, variance=variance)
             seen[seen] = end.steady
-        if end.reason == "slow" and not end.steady.all():
+        restless = end.reason in ("slow", "converged") and end.last_update >= tolerance
+        if restless and not end.steady.all():
             # Pixels at a border that come and go keep it from an end.
             kept = seen if end.steady.size < seen.size else end.steady
             if np.count_nonzero(kept) >= MIN_USED * kept.size:

@@ -19,7 +19,7 @@ class Gains:
     """Heights of each image over those of the reference, of relief that no motion makes.
 
     Attributes:
-        value: shape (T,), NaN of an image that is unlike the others.
+        value: shape (T,), NaN of an image that has not converged or is unlike the others.
         sigma: standard deviation by noise, infinite where the reference has no such relief.
         of_noise: what the noise of the reference would take from each gain, and was added.
     """
@@ -78,7 +78,7 @@ class Relief:
 
         Args:
             system: that of `of`.
-            along: of each image, NaN of one that is unlike the others, shape (T,).
+            along: of each image, NaN of one whose gain is not asked for, shape (T,).
             known: a₀, shape (T,).
             sigma: noise of one image [µm].
             n_reference: images averaged into the reference.

@@ -51,7 +51,7 @@ class SurfaceMotion:
         lost: whether most of the face left the frame or the iteration diverged, shape (T,).
         gains: heights of each frame over those of the reference; the motion is that of a gain of 1.
         iterations: Gauss–Newton steps of the last pass, shape (T,).
-        converged: whether the update fell below the tolerance, shape (T,).
+        converged: whether the update fell below the tolerance, or within the noise, shape (T,).
         reason: why the iteration of each frame ended, length T.
         roughness: standard deviation granted to what is penalised of u, v [µm].
         ridge: what was added to the diagonal of the Hessian scaled to unit diagonal;
