@@ -20,7 +20,7 @@ from solver_adapters.interface import CellFields, Response, Trajectory
 from solver_adapters.result_files import ResultFileError
 
 _FORMAT, _REVISION = "prismid response", 2
-_READER = "solver_adapters.response_file:read_response"
+_READER = "solver_adapters.response_file:try_response"
 
 # Unit and description of each dataset; directions are differentiated in units of their own.
 _DATASETS = {
@@ -143,6 +143,12 @@ def read_provenance(path: Path, as_written: bool = False) -> Provenance:
     with _opened(path, as_written) as file, _told(path):
         attributes: Mapping[str, Any] = file.attrs
         return Provenance(**{item.name: str(attributes[item.name]) for item in fields(Provenance)})
+
+
+def try_response(path: str) -> None:
+    """Read all of a file, in the process that tries files first."""
+    read_provenance(Path(path))
+    read_response(Path(path))
 
 
 @contextmanager

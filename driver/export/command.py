@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import logging
 import os
+import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from socket import gethostname
+
+import psutil
 
 from driver.case.consent import refuse_unless_agreed
 from driver.case.model import Case
@@ -93,7 +97,8 @@ def export_case(
         logger.info("no extended model: there is no diagnosis of the case as it is")
     history = read_history(case.path(case.history.file), stated=case.history)
     _make_folder(folder, case)
-    with tempfile.TemporaryDirectory(prefix="partial-", dir=folder) as aside:
+    _remove_what_was_left(folder)
+    with tempfile.TemporaryDirectory(prefix=f"{_aside()}{os.getpid()}-", dir=folder) as aside:
         written = Path(aside)
         write_surface(written, results.measured, results.models, case.boundary.gauge == "rigid")
         write_vtu(results.mesh, written / MESH_VTU)
@@ -113,6 +118,19 @@ def export_case(
         _refuse_foreign(folder, names)
         _move(written, folder)
     logger.info(f"{folder}: {len(names)} files, {README} says what they hold")
+
+
+def _aside() -> str:
+    """Return how the names of folders begin in which processes of this machine write."""
+    return f"partial-{gethostname()}-"
+
+
+def _remove_what_was_left(folder: Path) -> None:
+    """Remove what exports of this machine have left that were killed."""
+    for left in folder.glob(f"{_aside()}*"):
+        process = left.name.removeprefix(_aside()).partition("-")[0]
+        if process.isdecimal() and not psutil.pid_exists(int(process)):
+            shutil.rmtree(left, ignore_errors=True)
 
 
 def _finished_results(case: Case) -> FinishedResults:

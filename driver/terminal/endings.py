@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import tempfile
 import traceback
@@ -129,6 +130,8 @@ def _of_the_system(error: OSError) -> str:
     if str(error.strerror).startswith("No usable temporary directory"):
         found, expected = why(error), "a folder that can be written and has space"
         return sentence(Path("TMPDIR"), "folder of temporary files", found, expected)
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return f"disk: found {why(error)} of the system, expected free space: run again to go on"
     return " ".join(str(error).split())
 
 

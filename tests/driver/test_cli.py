@@ -1,3 +1,4 @@
+import errno
 import json
 import logging
 import re
@@ -182,6 +183,18 @@ def test_what_the_system_refuses_is_a_sentence_with_the_file(tmp_path: Path) -> 
         f"prismid: {tmp_path / 'file' / 'case'}: file: found “Not a directory” of the system, "
         "expected one that can be read and written here\n"
     )
+
+
+def test_a_full_disk_that_names_no_file_is_a_sentence(
+    pipeline: SimpleNamespace, case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*asked: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(pipeline, "run", full)
+    found = invoke("run", case_path)
+    told = "disk: found “No space left on device” of the system, expected free space: run again to"
+    assert (found.exit_code, found.stderr) == (1, f"prismid: {told} go on\n")
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -216,6 +216,7 @@ class Faults:
     def on_a_full_disk(self) -> None:
         call = self.laboratory.start(*self.place.call, full=self.place.folder)
         assert call.end() == 1, call.text()
+        assert "[Errno" not in call.text()
         self.refuse_what_is_left(call)
 
     def to_the_end_without_temporary_files(self) -> None:

@@ -63,6 +63,11 @@ def test_damage_that_was_missed_once_is_told(name: str, seed: int) -> None:
 
 
 @pytest.mark.slow
+def test_a_stored_response_at_which_hdf5_never_comes_back_is_told() -> None:
+    ends_in_a_sentence(next(kind for kind in KINDS if kind.name == "stored response"), 248)
+
+
+@pytest.mark.slow
 @KIND
 def test_a_damaged_file_is_read_or_refused_in_a_sentence(kind: Kind) -> None:
     @few(2000 // len(KINDS) + 1)
