@@ -35,9 +35,7 @@ YEAR = 365 * 86400.0  # s
 ORPHANS = 5.0  # s after which nothing of a call that has ended may live
 STOPPED = "prismid: stopped; finished stages are kept, run again to go on\n"
 LOADS = ("0,0,,0", "60,20,,0.3", "120,40,,0.52", "180,60,,0.6", "240,45,,0.4")
-SETTINGS = (
-    "[microscope]\nrepeats = 2\nflats = 0\n[program]\ncycles = [[2, 1]]\nlargest_strain = 0.01\n"
-)
+SETTINGS = "[microscope]\nrepeats = 2\n[program]\ncycles = [[2, 1]]\nlargest_strain = 0.01\n"
 # Where a phase waits: event of Python's audit, and pattern of what it is about.
 GATES = {
     "mesh": r"os.rename|results/mesh\.med$",
