@@ -62,6 +62,12 @@ class ClosedProgram(ExternalAdapter):
     def write(self, simulation: Simulation) -> Mapping[str, bytes]:
         """Return the program, and its answer."""
         u, force = Closed().answer(simulation)
+        # What is prescribed is answered as it was asked for, which an adapter looks at.
+        _, moved, asked = np.intersect1d(
+            simulation.motion_nodes, simulation.output_nodes, return_indices=True
+        )
+        mask, motion = simulation.motion_mask[moved], simulation.motion[simulation.output]
+        u[:, asked] = np.where(mask, motion[:, moved], u[:, asked])
         answer = io.BytesIO()
         np.savez(answer, u=u, force=force)
         return {"job.sh": _PROGRAM.encode(), "answer.npz": answer.getvalue()}
