@@ -52,6 +52,9 @@ def _caches(stated: str | None) -> Iterator[Path]:
     except RuntimeError:
         pass
     try:
+        # Where no temporary folder can be written Python names the folder of the call.
+        if Path(tempfile.gettempdir()) == Path.cwd():
+            return
         temporary = Path(tempfile.gettempdir(), f"{_NAME}-{os.getuid()}")
         temporary.mkdir(mode=0o700, exist_ok=True)
         # Code is loaded from there: it is nobody else's, and nobody else writes into it.

@@ -44,6 +44,12 @@ def test_without_a_home_the_cache_is_a_temporary_folder_of_the_user(no_home: Pat
     assert [path.name for path in no_home.parent.iterdir()] == ["tmp"]
 
 
+def test_the_folder_of_the_call_is_no_cache(no_home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python takes it where no folder of temporary files can be written."""
+    monkeypatch.chdir(no_home)
+    assert cache_folder() is None and not list(no_home.iterdir())
+
+
 @pytest.mark.parametrize("what", ["link", "open to others"])
 def test_code_is_not_loaded_from_where_others_write(no_home: Path, what: str) -> None:
     place = no_home / f"prismid-{os.getuid()}"
