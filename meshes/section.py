@@ -50,12 +50,6 @@ class Section:
         return self.depth / 3 * ((self.width + 2 * self.bottom) / (self.width + self.bottom))
 
     @property
-    def depth_square_over_variance(self) -> float:
-        """Square of the depth over the variance of Z: 18 of a triangle, 12 of a rectangle."""
-        w, b = self.width, self.bottom
-        return 18.0 / (1 + 2 * w * b / (w + b) ** 2)
-
-    @property
     def longest_side(self) -> float:
         """Length of the longest side [µm]; of a trapezoid that of the face, far side or depth."""
         if self.bottom:

@@ -14,7 +14,6 @@ import numpy as np
 
 from meshes.arrays import AnyArray, FloatArray, IntArray
 from meshes.cells import outer_triangles
-from meshes.section import Section
 from solver_adapters.bundled.fem.element import (
     Element,
     gauss_positions,
@@ -142,8 +141,7 @@ def _rest(
     depth: AnyArray = np.zeros(len(rotation))
     skin: AnyArray = np.ones(len(rotation))
     if eigenstrain != 0.0:
-        square = Section.of(mesh.points).depth_square_over_variance
-        depth = depth_share(points.position[:, 2], points.volume, square)
+        depth = depth_share(points.position[:, 2], points.volume)
     if ratio != 1.0:
         faces = outer_triangles(mesh.cells)
         held = np.zeros(len(faces), dtype=np.bool_)

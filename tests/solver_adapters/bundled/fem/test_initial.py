@@ -49,7 +49,7 @@ def test_the_depth_of_a_triangular_section_is_counted_from_its_centroid() -> Non
     edges = np.linspace(0.0, 1.0, 4001)
     middle = (edges[1:] + edges[:-1]) / 2
     width = 1 - middle
-    share = depth_share(-3.4641 * middle, width, 18.0)
+    share = depth_share(-3.4641 * middle, width)
     np.testing.assert_allclose(share, middle - 1 / 3, atol=1e-4)
 
 
