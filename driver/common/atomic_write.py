@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from driver.common.errors import InputError, sentence
@@ -18,9 +19,13 @@ def write_whole(path: Path, content: str | bytes) -> None:
     try:
         with partial.open("xb") as file:
             file.write(content.encode() if isinstance(content, str) else content)
-    except OSError as error:  # a full disk names no file
-        raise OSError(error.errno, error.strerror, str(path)) from None
-    os.replace(partial, path)
+        os.replace(partial, path)
+    except BaseException as error:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+        if isinstance(error, OSError):  # a full disk names no file
+            raise OSError(error.errno, error.strerror, str(path)) from None
+        raise
 
 
 def place_below(folder: Path, name: str | Path) -> Path:

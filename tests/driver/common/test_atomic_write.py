@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -19,6 +21,22 @@ def test_a_file_holds_what_was_written_and_nothing_lies_beside_it(
     write_whole(path, content)
     assert path.read_bytes() == (content if isinstance(content, bytes) else content.encode())
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left"), KeyboardInterrupt()])
+def test_what_was_not_finished_leaves_the_file_as_it_was_and_nothing_beside_it(
+    error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*paths: object) -> None:
+        raise error
+
+    path = tmp_path / "file"
+    path.write_text("before")
+    monkeypatch.setattr(os, "replace", fails)
+    with pytest.raises(type(error)) as raised:
+        write_whole(path, "after")
+    assert path.read_text() == "before" and list(tmp_path.iterdir()) == [path]
+    assert isinstance(error, KeyboardInterrupt) or str(path) in str(raised.value)
 
 
 @pytest.mark.parametrize("name", ["file", "file.partial"])
