@@ -37,6 +37,8 @@ _PR_SET_PDEATHSIG = 1
 _SECONDS_LEFT = int(signal.SIGQUIT)
 """Seconds that a process lives on after the one that gives its tasks, and a signal: both are 3."""
 
+_AGAIN = 0.05  # s until a signal whose exit was swallowed comes once more
+
 _ENDED = (
     "execution.processes: one of {} processes side by side was ended by the system, most likely "
     "for want of memory; expected fewer, each needs its own"
@@ -232,8 +234,29 @@ def _taken(path: Path) -> Any:
 def _begin(threads: int, folder: Path) -> None:
     """Prepare a process."""
     use_threads(threads)
+    hear_swallowed_exits()
     _end_soon_after_asker()
     threading.Thread(target=_end_with_asker, args=(folder,), daemon=True).start()
+
+
+def hear_swallowed_exits() -> None:
+    """Let SIGTERM end this process although it came while a callback of C ran.
+
+    A library that calls back, as the compiler of the kernels does, swallows the exit that the
+    signal asks for: the signal comes once more.
+    """
+
+    def told(swallowed: Any) -> None:
+        if issubclass(swallowed.exc_type, SystemExit):
+            threading.Timer(_AGAIN, _terminate_main_thread).start()
+        else:
+            sys.__unraisablehook__(swallowed)
+
+    sys.unraisablehook = told
+
+
+def _terminate_main_thread() -> None:
+    signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
 
 
 def _end_soon_after_asker() -> None:
@@ -259,7 +282,7 @@ def _end_with_asker(folder: Path) -> None:
     assert asker is not None
     connection.wait([asker.sentinel])
     shutil.rmtree(folder, ignore_errors=True)
-    signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
+    _terminate_main_thread()
 
 
 @contextmanager

@@ -311,3 +311,19 @@ def test_processes_import_nothing_from_the_folder_of_the_call(
         (tmp_path / f"{name}.py").write_text(trap)
     monkeypatch.chdir(tmp_path)
     assert side_by_side(math.sqrt, [9.0, 4.0], 2) == [3.0, 2.0]
+
+
+SWALLOWING = """
+import ctypes, os, signal, sys, time
+from driver.common.parallel import hear_swallowed_exits
+
+hear_swallowed_exits()
+signal.signal(signal.SIGTERM, lambda *_: sys.exit(7))
+ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGTERM))()
+time.sleep(60)
+"""
+
+
+def test_an_exit_that_a_callback_of_c_swallows_comes_once_more_and_shows_no_traceback() -> None:
+    ended = subprocess.run([sys.executable, "-c", SWALLOWING], capture_output=True, timeout=40)
+    assert ended.returncode == 7 and ended.stderr == b""
