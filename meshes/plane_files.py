@@ -4,28 +4,20 @@ from __future__ import annotations
 
 import contextlib
 import io
-import shutil
-import tempfile
 from pathlib import Path
 
 import meshio
 import numpy as np
 
 from meshes.arrays import IntArray
-from meshes.gmsh_library import running_gmsh
+from meshes.gmsh_reader import read_elsewhere
 from meshes.guarded import can_be_read
-from meshes.med_file import quiet_library
 from meshes.plane_cells import CELLS, CellKind
 from meshes.plane_mesh import PlaneMesh
 
 _FORMATS = {".msh": "gmsh", ".med": "med", ".vtu": "vtu"}
 _KINDS: dict[str, CellKind] = {
     "triangle": "tri3", "triangle6": "tri6", "quad": "quad4", "quad8": "quad8",
-}  # fmt: skip
-_BEGINS = {"gmsh": b"$MeshFormat", "med": b"\x89HDF"}
-_GMSH_KINDS = {
-    "Point": "vertex", "Line 2": "line", "Line 3": "line3", "Triangle 3": "triangle",
-    "Triangle 6": "triangle6", "Quadrilateral 4": "quad", "Quadrilateral 8": "quad8",
 }  # fmt: skip
 _LESSER = ("vertex", "line", "line3")  # points and sides of the plane, which are passed over
 _FLAT = 1e-6  # of the extent, by which Z may differ
@@ -45,53 +37,15 @@ def read_with_meshio(path: str | Path, file_format: str) -> meshio.Mesh:
         return meshio.read(path, file_format=file_format)
 
 
-def read_with_gmsh(path: str | Path, file_format: str) -> meshio.Mesh:
-    """Read a file of gmsh or MED by gmsh itself: what meshio does not know of either.
-
-    Such are nodes with their place on a curve or a surface, and MED files without groups.
-
-    Args:
-        path: the file.
-        file_format: its format, which gmsh knows by the ending.
-
-    Raises:
-        Exception: whatever gmsh raises at a damaged file.
-        ValueError: it does not begin as its format does.
-        SystemLibraryError: a library behind gmsh is missing.
-    """
-    # Anything else gmsh would run as a script of its own, whatever the ending; so would it options
-    # beside the file, of which a copy has none.
-    with open(path, "rb") as content:
-        if not content.read(len(_BEGINS["gmsh"])).startswith(_BEGINS[file_format]):
-            raise ValueError(f"no {file_format} file")
-    with tempfile.TemporaryDirectory() as folder:
-        return _by_gmsh(Path(shutil.copy(path, Path(folder) / f"mesh{Path(path).suffix.lower()}")))
-
-
-def _by_gmsh(path: Path) -> meshio.Mesh:
-    with quiet_library(), running_gmsh() as gmsh:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.open(str(path))
-        tags, places, _ = gmsh.model.mesh.getNodes()
-        row = np.full(int(tags.max(initial=0)) + 1, -1)
-        row[tags.astype(np.int64)] = np.arange(len(tags))
-        cells = []
-        for kind, _, nodes in zip(*gmsh.model.mesh.getElements(), strict=True):
-            name, _, _, n_nodes, *_ = gmsh.model.mesh.getElementProperties(kind)
-            of_cells = row[nodes.astype(np.int64)].reshape(-1, n_nodes)
-            cells.append((_GMSH_KINDS.get(name, name), of_cells))
-        return meshio.Mesh(places.reshape(-1, 3), cells)
-
-
 def _read(path: Path, file_format: str) -> meshio.Mesh | None:
     """Read a file by the first reader that can, None where none can."""
-    readers = {"read_with_meshio": read_with_meshio}
+    readers = {"meshes.plane_files:read_with_meshio": read_with_meshio}
     if file_format in ("gmsh", "med"):
-        readers["read_with_gmsh"] = read_with_gmsh
+        readers["meshes.gmsh_reader:read_with_gmsh"] = read_elsewhere
     for name, read in readers.items():
         # On a damaged file meshio prints and leaves, or fails anywhere in its readers.
         try:
-            if can_be_read(f"meshes.plane_files:{name}", path, file_format):
+            if can_be_read(name, path, file_format):
                 return read(path, file_format)
         except (Exception, SystemExit):
             continue
