@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+from collections.abc import Callable
 from pathlib import Path
 
 import meshio
@@ -39,7 +40,9 @@ def read_with_meshio(path: str | Path, file_format: str) -> meshio.Mesh:
 
 def _read(path: Path, file_format: str) -> meshio.Mesh | None:
     """Read a file by the first reader that can, None where none can."""
-    readers = {"meshes.plane_files:read_with_meshio": read_with_meshio}
+    readers: dict[str, Callable[[Path, str], meshio.Mesh]] = {
+        "meshes.plane_files:read_with_meshio": read_with_meshio
+    }
     if file_format in ("gmsh", "med"):
         readers["meshes.gmsh_reader:read_with_gmsh"] = read_elsewhere
     for name, read in readers.items():

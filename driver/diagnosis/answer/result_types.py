@@ -13,7 +13,6 @@ from driver.diagnosis.causes.candidates import NotExamined
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.statistics.goodness_of_fit import GoodnessOfFit
 from driver.diagnosis.statistics.score_test import Score
-from driver.identification.correction import Correction
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
 from solver_adapters.parameter import Parameter
@@ -219,8 +218,6 @@ class Refit:
         log_evidence: natural log of the Bayes factor against the baseline, and of the prior odds
             of the cause.
         levels: of a covariance cause its level and the standard deviation of it by name.
-        corrected: finer minus working prediction where the fit began last, by one finer mesh; None
-            where that is the baseline, or far from where the fit ended.
     """
 
     cause: Cause
@@ -228,7 +225,6 @@ class Refit:
     fit: Fit
     log_evidence: float
     levels: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    corrected: Correction | None = None
 
     @property
     def own_misfit(self) -> float:

@@ -6,15 +6,17 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from driver.diagnosis.answer.result_types import Refit, Settings
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.search.backward_elimination import eliminate
 from driver.diagnosis.search.baseline import noise_of_images, with_load_noise
 from driver.diagnosis.search.boundary_noise import Level, level_again
-from driver.diagnosis.search.correction_reach import is_far
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.load_outliers import bad_loads
+from driver.diagnosis.statistics.screening import whitened_difference
 from driver.identification.correction import Correction
 from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.identify import with_correction
@@ -22,6 +24,9 @@ from driver.identification.objective import Objective
 
 logger = logging.getLogger(__name__)
 
+_FAR = 30.0
+"""σ by which a prediction may move from where its correction was taken: a correction has changed
+by a hundredth of what the prediction moved by, and the discretisation check lets 1 σ pass."""
 _MOST_CORRECTIONS = 3  # of one extended model
 
 
@@ -69,10 +74,9 @@ def extended(before: Extension, winner: Refit, settings: Settings) -> Extension:
         if again:
             logger.info("far from where the correction was taken: once more with that of this fit")
         begin = fitted
-        known = None if again else winner.corrected
-        objective = _corrected(objective, begin, finer, settings, known)
+        objective = _corrected(objective, begin, finer, settings)
         fitted, objective, levels = _fitted(begin, objective, levels)
-        if not is_far(begin, fitted, objective):
+        if _moved(begin, fitted, objective) < _FAR:
             break
     if BOUNDARY_NOISE in causes and not levels:
         causes.remove(BOUNDARY_NOISE)
@@ -87,26 +91,19 @@ def extended(before: Extension, winner: Refit, settings: Settings) -> Extension:
     )  # fmt: skip
 
 
-def _corrected(
-    objective: Objective, here: Fit, finer: FineModels, settings: Settings, known: Correction | None
-) -> Objective:
-    """Return the objective with the correction at a fit, by both meshes where it had both.
+def _moved(begin: Fit, end: Fit, objective: Objective) -> float:
+    """By how much the prediction of one fit differs from that of another [σ]."""
+    before, other = (
+        Correction(f.best.prediction.motion, f.best.prediction.load) for f in (begin, end)
+    )
+    return float(np.linalg.norm(whitened_difference(objective, other, before)))
 
-    Args:
-        objective: of the fit.
-        here: the fit.
-        finer: the finer models.
-        settings: how the diagnosis is run.
-        known: that by one finer mesh, taken nearby, if any.
-    """
+
+def _corrected(objective: Objective, here: Fit, finer: FineModels, settings: Settings) -> Objective:
+    """Return the objective with the correction at a fit, by both meshes where it had both."""
+    logger.info("finer mesh and steps at the extended model")
     both = objective.spread is not None
-    if known is None:
-        logger.info("finer mesh and steps at the extended model")
-        change, spread = finer.corrections(objective, here, both)
-    else:
-        # What the time steps leave wrong is that at the baseline.
-        change = replace(known, left_by_steps=objective.data.step_error)
-        spread = finer.spread(replace(objective, correction=change), here) if both else None
+    change, spread = finer.corrections(objective, here, both)
     noise = noise_of_images(here, objective.data, settings)
     mean = change.mean_with(spread).completed_by(objective.correction)
     objective = with_correction(objective, noise, change, settings.sizes)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from driver.diagnosis.answer.result_types import Refit
-from driver.diagnosis.search.candidate_correction import with_candidate_corrections
 from driver.diagnosis.search.extension import Extension, extended
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor, refit_causes
@@ -14,8 +13,6 @@ from driver.diagnosis.statistics.score_test import score
 from driver.diagnosis.statistics.screening import screened
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
-from meshes.arrays import FloatArray
-from solver_adapters.interface import Simulation
 from tools import closed_form
 from tools.closed_form_diagnosis import SETTINGS, finer, identified
 
@@ -104,32 +101,3 @@ def test_a_model_far_from_where_its_correction_was_taken_is_corrected_once_more(
     expected = finer(BENCH).predict(end).load - model.predict(end).load
     own = np.asarray(found.objective.correction.load)
     assert own == pytest.approx(expected, abs=0.02 * np.abs(expected).max())
-
-
-class Never(closed_form.ClosedFormSolver):
-    """A finer simulation that nobody should ask for."""
-
-    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
-        raise AssertionError
-
-
-def test_a_refit_that_has_its_own_correction_is_extended_with_it_and_without_another_simulation(
-    lines: list[str],
-) -> None:
-    made = closed_form.objective(BENCH, BENCH.truth | HIDDEN)
-    objective, baseline = identified(BENCH, made)
-    winner = refitted(objective, baseline)
-    rival = replace(winner, cause=replace(winner.cause, name="rival"))
-    meshes = FineModels(finer(BENCH))
-    first, _ = with_candidate_corrections([winner, rival], baseline.best, meshes, Executor(1, 1))
-    assert first.corrected is not None and first.corrected.derivatives is not None
-    assert first.corrected.derivatives.values == winner.fit.values
-    never = FineModels(replace(BENCH.model, adapter=Never()))
-    begin = Extension(baseline, objective, never, (), {}, 0.0, baseline.best.free, ())
-    found = extended(begin, first, SETTINGS)
-    assert "finer mesh and steps at the extended model" not in lines
-    assert found.fit.converged
-    model, end = found.objective.model, found.fit.values
-    expected = finer(BENCH).predict(end).load - model.predict(end).load
-    own = np.asarray(found.objective.correction.at(end).load)
-    assert own == pytest.approx(expected, abs=0.005 * np.abs(expected).max())
