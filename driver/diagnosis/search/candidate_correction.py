@@ -70,8 +70,9 @@ def with_candidate_corrections(
     """Refits, best evidence first, those that lead under the correction at their own end.
 
     Where one leads alone nothing is simulated: what it gains no correction takes away. The two best
-    are corrected first, others where what that changes may bring them to the front. One whose end
-    the finer model cannot simulate stays as it was, and the log says so.
+    are corrected first, others where what that changes may bring them to the front, or where they
+    are next to it. One whose end the finer model cannot simulate stays as it was, and the log says
+    so.
 
     Args:
         refits: the refits, best evidence first.
@@ -113,11 +114,24 @@ def with_candidate_corrections(
             and taken[refit.cause.name] < _CORRECTIONS
         ]
         again = unsettled if len(contending) > 1 else []
+        again = again or _next_uncorrected(list(own.values()), taken)
     for refit in leading:
         if taken[refit.cause.name]:
             _tell(refit, own[refit.cause.name], failed.get(refit.cause.name))
     others = [refit for refit in refits if refit not in leading]
     return sorted([*own.values(), *others], key=lambda refit: -refit.log_evidence)
+
+
+def _next_uncorrected(refits: Sequence[Refit], taken: Mapping[str, int]) -> list[Refit]:
+    """Return the best two without a correction of their own where one of them is the second best.
+
+    By how much the best leads is told, and both are to be what they are told to be.
+    """
+    second = sorted(refits, key=lambda refit: -refit.log_evidence)[1]
+    if taken[second.cause.name]:
+        return []
+    left = [refit for refit in refits if not taken[refit.cause.name]]
+    return sorted(left, key=lambda refit: -refit.log_evidence)[:_AT_FIRST]
 
 
 def _contending(refits: Sequence[Refit], changed: Mapping[str, float]) -> list[Refit]:

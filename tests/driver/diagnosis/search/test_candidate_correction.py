@@ -222,3 +222,29 @@ def test_a_third_refit_is_corrected_where_as_much_as_the_first_two_changed_may_m
     with_candidate_corrections(refits, baseline.best, models, Executor(1, 1))
     assert ("third" in taken) == is_taken
     assert set(taken) >= {first.cause.name, second.cause.name}
+
+
+def test_the_one_next_to_the_best_is_corrected_however_far_behind(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The second one falls behind the third and the fourth, which was not near the best."""
+    baseline, (first, second) = refitted()
+    names = [first.cause.name, second.cause.name, "third", "fourth", "fifth"]
+    evidence, ends = [300.0, 280.0, 270.0, 265.0, 262.0], [300.0, 262.5, 260.0, 268.0, 0.0]
+    refits = [
+        replace(second, cause=replace(second.cause, name=name), log_evidence=value)
+        for name, value in zip(names, evidence, strict=True)
+    ]
+    taken: list[str] = []
+
+    def corrected(task: Any) -> Refit:
+        refit: Refit = task.refit
+        taken.append(refit.cause.name)
+        return replace(refit, log_evidence=ends[names.index(refit.cause.name)])
+
+    monkeypatch.setattr(candidate_correction, "_corrected", corrected)
+    monkeypatch.setattr(candidate_correction, "_at_its_end", lambda refit, end, at: end)
+    models = FineModels(finer(BENCH))
+    after = with_candidate_corrections(refits, baseline.best, models, Executor(1, 1))
+    assert taken == names[:4]
+    assert [refit.cause.name for refit in after] == [names[0], "fourth", names[1], "fifth", "third"]
