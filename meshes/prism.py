@@ -77,7 +77,8 @@ class PrismGeometry:
                 raise ValueError(f"prism {name} is {value} µm; it must be positive")
         if not (isfinite(self.bottom) and self.bottom >= 0):
             raise ValueError(f"prism bottom is {self.bottom} µm; it must be 0 or more")
-        least, most = min(SIDES, key=self.__getattribute__), max(SIDES, key=self.__getattribute__)
+        sides = (*SIDES, "bottom") if self.bottom else SIDES
+        least, most = min(sides, key=self.__getattribute__), max(sides, key=self.__getattribute__)
         if getattr(self, most) > MOST_SLENDER * getattr(self, least):
             raise ValueError(
                 f"prism {most} is {getattr(self, most):g} µm and its {least} "

@@ -76,3 +76,9 @@ def test_sections_of_any_divisions_are_of_one_family() -> None:
 def test_a_far_side_of_no_width_is_refused(bottom: float) -> None:
     with pytest.raises(ValueError, match="prism bottom is .*; it must be 0 or more"):
         PrismGeometry(bottom=bottom)
+
+
+@pytest.mark.parametrize("bottom", [0.01, 900.0])
+def test_a_far_side_out_of_all_proportion_is_refused(bottom: float) -> None:
+    with pytest.raises(ValueError, match="bottom .* a ratio of at most 100 is expected"):
+        PrismGeometry(bottom=bottom)
