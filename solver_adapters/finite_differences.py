@@ -201,7 +201,8 @@ class FiniteDifferences:
         """
         for _ in range(_MOST_REPEATS):
             (slope,) = asked.slopes
-            if slope.same_steps or slope.ends is None:
+            fit = slope.same_steps and not (slope.doubtful and slope.other_steps)
+            if fit or slope.ends is None:
                 break
             simulation = replace(asked.simulation, steps=slope.ends, accuracy=None)
             count.more(1 + RUNS_PER_DIRECTION)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,8 +26,10 @@ OTHER_STEPS = 0.25
 What such runs are off by stands in the asymmetry: all three would have to be off by as much.
 """
 
-MOST_STEPS = 4
+MOST_STEPS = 6
 """Steps that are tried for a derivative."""
+
+_SEARCHED = 4  # of these, steps about the best one; then wider ones, for a polynomial
 
 _WIDEST = 0.5  # step in shares of the scale
 _NARROWEST = 1 / 64  # second step in shares of the first
@@ -36,6 +38,9 @@ _OTHER = 1.1  # factor between two steps that are not the same
 # Of curvature the asymmetry grows with the step, of noise it falls, of a kink it stays.
 _NO_KINK = 1.5
 _DIGITS = 6  # of an uncertainty by which derivatives are told apart
+_WIDER = 2.0  # factor from a step of the polynomial to the next
+_FEWEST = 4  # steps of a polynomial: its mean takes three coefficients
+_CENTRED = 1e-9  # by which two runs may be off the same distance, in shares of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +60,8 @@ class Slope:
         seen: whether any number of either run differs from the asked one.
         norms: of displacement and force of the asked run.
         ends: ends of the most time steps that one of the three runs took [s], None if unknown.
+        bend: by which the slopes to both sides are off the derivative, half of their difference in
+            shares of the response; empty if unknown.
     """
 
     amounts: tuple[float, float]
@@ -67,6 +74,12 @@ class Slope:
     seen: bool
     norms: tuple[float, float] = (1.0, 1.0)
     ends: FloatArray | None = None
+    bend: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def whole(self) -> FloatArray:
+        """The derivative, displacement and force as one vector in shares of the response."""
+        return _joined(self.norms, self.displacement, self.force)
 
     @property
     def step(self) -> float:
@@ -144,6 +157,10 @@ def following_step(tried: Sequence[Slope], scale: float) -> float | None:
         return best.better_step(scale)
     if not best.doubtful or len(tried) >= MOST_STEPS:
         return None
+    if len(tried) >= _SEARCHED:
+        # Noise falls with the step, and what grows with it the polynomial tells apart.
+        step = _WIDER * max(slope.step for slope in tried if not slope.other_steps or slope is best)
+        return step if step <= _WIDEST * scale else None
     wider = [slope for slope in tried if slope.step > best.step]
     narrower = [slope for slope in tried if slope.step < best.step]
     if wider and narrower:
@@ -171,11 +188,76 @@ def best_of(tried: Sequence[Slope]) -> Slope:
     best = min(reversed(alike), key=lambda slope: slope.uncertainty)
     if not best.doubtful:
         return best
-    judged = [
-        replace(slope, uncertainty=min([slope.uncertainty, *_agreements(slope, alike)]))
-        for slope in reversed(alike)
-    ]
+    polynomial = _polynomial_of(alike)
+    kink = 0.0 if polynomial is None else polynomial.kink
+    judged = [] if polynomial is None else [polynomial.slope]
+    for slope in reversed(alike):
+        agreed = max(kink, min(_agreements(slope, alike), default=np.inf))
+        judged.append(replace(slope, uncertainty=min(slope.uncertainty, agreed)))
     return min(judged, key=lambda slope: (round(slope.uncertainty, _DIGITS), slope.asymmetry))
+
+
+@dataclass(frozen=True, eq=False)
+class _Polynomial:
+    """Of third degree, through the runs of all steps.
+
+    Attributes:
+        slope: its derivative.
+        kink: what a kink may make the derivatives of all steps wrong by, in shares of them, were
+            noise no part of what is seen of it.
+    """
+
+    slope: Slope
+    kink: float
+
+
+def _polynomial_of(tried: Sequence[Slope]) -> _Polynomial | None:
+    """Return the polynomial, None where the runs are too few or took other time steps.
+
+    What runs differ by to both sides is odd in the step, h and h³, and the derivative is that of
+    the first. Their mean is even: a constant, by which the asked run is off, h², and |h| of a kink.
+    What these leave is noise, by whose size the derivative is uncertain (least squares).
+    """
+    known = [
+        slope
+        for slope in tried
+        if slope.seen
+        and not slope.other_steps
+        and abs(slope.amounts[0] + slope.amounts[1]) <= _CENTRED * slope.step
+    ]
+    if len(known) < _FEWEST:
+        return None
+    widest = max(known, key=lambda slope: slope.step)
+    h = np.array([slope.step for slope in known]) / widest.step
+    to_first = np.stack([h, h**3], axis=1)
+    to_kink = np.stack([h, h**0, h**2], axis=1)
+    first, left = _fitted(to_first, h[:, None] * np.array([slope.whole for slope in known]))
+    kinked, left_by_mean = _fitted(to_kink, h[:, None] * np.array([slope.bend for slope in known]))
+    noise = float(np.hypot(left, left_by_mean) / np.sqrt(2 * len(known) - 5))
+    size = float(np.linalg.norm(first))
+    # Of the coefficient of |h| noise makes so much; the rest is a kink.
+    found, expected = float(np.linalg.norm(kinked)), noise * _spread(to_kink)
+    kink = np.sqrt(max(found**2 - expected**2, 0.0)) / size if size else np.inf
+    of_noise = noise * _spread(to_first) / size if size else np.inf
+    of_displacement, of_force = np.split(first, [widest.displacement.size])
+    slope = replace(
+        widest,
+        displacement=widest.norms[0] * of_displacement.reshape(widest.displacement.shape),
+        force=widest.norms[1] * of_force.reshape(widest.force.shape),
+        uncertainty=float(np.hypot(of_noise, kink)),
+    )
+    return _Polynomial(slope, found / size if size else np.inf)
+
+
+def _fitted(terms: FloatArray, values: FloatArray) -> tuple[FloatArray, float]:
+    """Return the coefficients of the first of some terms, and the norm of what all leave."""
+    found = np.linalg.lstsq(terms, values)[0]
+    return found[0], float(np.linalg.norm(values - terms @ found))
+
+
+def _spread(terms: FloatArray) -> float:
+    """Return the standard deviation of the first coefficient where that of the values is 1."""
+    return float(np.sqrt(np.linalg.inv(terms.T @ terms)[0, 0]))
 
 
 def _agreements(slope: Slope, others: Sequence[Slope]) -> list[float]:
@@ -223,11 +305,18 @@ def slope_through(base: Response, pair: Pair, noise: float) -> Slope:
         noise=2 * noise / (size * min(abs(a1), abs(a2))) if size else np.inf,
         other_steps=other_steps,
         seen=bool(size or off),
+        bend=_joined(norms, (u1 - u2) / 2, (f1 - f2) / 2),
     )
 
 
 def _norm(values: FloatArray) -> float:
     return float(np.linalg.norm(values)) or 1.0
+
+
+def _joined(norms: tuple[float, float], displacement: FloatArray, force: FloatArray) -> FloatArray:
+    """Return displacement and force as one vector in shares of the response."""
+    of_displacement, of_force = norms
+    return np.concatenate([displacement.ravel() / of_displacement, force / of_force])
 
 
 def _size(norms: tuple[float, float], displacement: FloatArray, force: FloatArray) -> float:

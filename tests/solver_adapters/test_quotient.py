@@ -190,8 +190,21 @@ def test_a_further_step_goes_on_where_the_last_was_better_and_turns_where_it_was
     tried = [*better, noisy(0.04, 1e-2)]
     assert following_step(tried, scale=4.0) == pytest.approx(0.08)
     tried = [*tried, noisy(0.08, 1e-2)]
-    assert len(tried) == MOST_STEPS and following_step(tried, scale=4.0) is None
     assert following_step([slope(0.001, -0.001)], scale=4.0) is None
+
+
+def test_after_four_steps_wider_ones_follow_as_far_as_the_most_and_half_of_the_scale() -> None:
+    off = {0.08: 0.2, 0.01: 0.05, 0.02: 0.1, 0.04: 0.02, 0.16: 5.0, 0.32: 3.0}
+    six = [noisy(step, amplitude) for step, amplitude in off.items()]
+    tried = six[:4]
+    assert best_of(tried).doubtful
+    assert following_step(tried, scale=4.0) == pytest.approx(0.16)
+    assert following_step(tried, scale=0.3) is None
+    # A step whose runs took other time steps is no reason to go beyond it.
+    cut = replace(six[0], other_steps=0.1)
+    assert following_step([cut, *tried[1:]], scale=4.0) == pytest.approx(0.08)
+    assert len(six) == MOST_STEPS and best_of(six).doubtful
+    assert following_step(six, scale=4.0) is None
 
 
 def test_a_derivative_in_the_same_time_steps_goes_before_one_of_less_asymmetry_in_others() -> None:
@@ -267,6 +280,25 @@ def test_a_derivative_that_is_called_certain_is_wrong_by_no_more_than_it_may(
     assert error <= 1.5 * best.uncertainty + 1e-7
     if not best.doubtful:
         assert error <= 1.5 * ASYMMETRY / 2
+
+
+def test_noise_that_leaves_no_step_certain_is_told_from_curvature_by_a_polynomial() -> None:
+    """Of narrow steps noise makes the slopes wrong, of wide ones curvature seems to."""
+    found = [judged(0.1, 1e-5, curvature=10.0, scatter=2e-4, seed=seed) for seed in range(16)]
+    assert all(best.asymmetry > ASYMMETRY for _, best in found)
+    certain = [error for error, best in found if not best.doubtful]
+    assert len(certain) >= 15 and max(certain) <= ASYMMETRY / 2
+    assert all(error <= 1.5 * best.uncertainty for error, best in found)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("curvature", [0.0, 1.0])
+@pytest.mark.parametrize("scatter", [3e-6, 3e-5])
+def test_a_kink_beside_noise_and_curvature_stays_doubtful(
+    scatter: float, curvature: float, seed: int
+) -> None:
+    error, best = judged(0.1, 1e-5, curvature=curvature, scatter=scatter, kink=0.05, seed=seed)
+    assert best.doubtful and error <= 2.3 * best.uncertainty
 
 
 def test_what_the_asked_run_alone_is_off_by_makes_no_doubt_as_it_cancels() -> None:
