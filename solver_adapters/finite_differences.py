@@ -58,8 +58,8 @@ class _Asked:
 class FiniteDifferences:
     """An adapter that gives another one derivatives.
 
-    A derivative costs two runs, up to eight where its first step does not do, and three more where
-    its runs took other time steps than the asked one.
+    A derivative costs two runs, up to twelve where its first step does not do, and three more for
+    each step of which the runs took other time steps than the asked one.
 
     Attributes:
         adapter: the solver.
@@ -145,7 +145,10 @@ class FiniteDifferences:
                 simulation = asked[group[0]].simulation
                 pairs = self._pairs(simulation, again, workspace, count)
                 for k, pair in zip(group, pairs, strict=True):
-                    asked[k].slopes.append(slope_through(asked[k].base, pair, noise))
+                    found = slope_through(asked[k].base, pair, noise)
+                    alone = _Asked(simulation, asked[k].base, [found])
+                    common = self._in_common_steps(alone, moving[k], workspace, count)
+                    asked[k].slopes.extend(common.slopes)
         slopes = [best_of(known.slopes) for known in asked]
         notes = [
             note

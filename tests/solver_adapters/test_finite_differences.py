@@ -429,6 +429,33 @@ def test_runs_that_took_other_steps_are_made_again_in_the_steps_of_the_one_that_
     assert response.ends.size == 2
 
 
+def test_runs_that_took_few_other_steps_are_made_again_where_that_may_make_them_wrong() -> None:
+    whole = np.linspace(0.1, 2.0, 20)
+
+    class CuttingOnce(Toy):
+        """A single step is cut where tau0 is high, unless the steps are given; it changes 0.1 %."""
+
+        def solve(
+            self,
+            simulation: Simulation,
+            workspace: Path | None = None,
+            progress: Report | None = None,
+        ) -> Response:
+            found = super().solve(simulation, workspace, progress)
+            cut = simulation.material.tau0 > 40 or simulation.steps is not None
+            ends = np.sort(np.append(whole, 0.15)) if cut else whole
+            wrong = 1.0 if cut else 1.001
+            return replace(
+                found, force=wrong * found.force, displacement=wrong * found.displacement,
+                ends=ends, steps=len(ends),
+            )  # fmt: skip
+
+    solver = CuttingOnce(1e-6)
+    response = FiniteDifferences(solver).solve(along(ALONG_TAU0))
+    assert _error_of_tau0(response) < 1e-3 and response.notes == ()
+    assert [run.steps is None for run in solver.asked] == 3 * [True] + 3 * [False]
+
+
 def test_where_the_asked_run_was_cut_differences_are_of_runs_in_given_steps_alone() -> None:
     class Chosen(Toy):
         """A step is cut unless steps are given; either way to the same ends is off by its own."""
