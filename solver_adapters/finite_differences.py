@@ -19,7 +19,6 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from multiprocessing import parent_process
 from pathlib import Path
 from threading import Event, Lock
 
@@ -40,6 +39,7 @@ from solver_adapters.interface import (
 )
 from solver_adapters.jobs.errors import is_by_circumstances
 from solver_adapters.quotient import MOST_STEPS, Pair, Slope, best_of, following_step, slope_through
+from solver_adapters.tasks import is_one_of_several
 from solver_adapters.time_steps import once_more
 
 RUNS_PER_DIRECTION = 2  # one on each side; twice as many where the first step does not do
@@ -299,7 +299,7 @@ class FiniteDifferences:
             # The ends of its steps on the clock of the asked run, whose steps they should be.
             return replace(answer, ends=np.interp(answer.ends, moved.times, simulation.times))
 
-        workers = min(len(runs), 1 if parent_process() else self.processes)
+        workers = min(len(runs), 1 if is_one_of_several() else self.processes)
         if workers <= 1:
             return [outcome(run) for run in runs]
         with ThreadPoolExecutor(workers) as pool:

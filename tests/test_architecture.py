@@ -73,6 +73,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
         "solver_adapters.kernels",
         "solver_adapters.parameter",
         "solver_adapters.profile",
+        "solver_adapters.tasks",
     ),
     ("meshes", "solver_adapters.user_folders", "templates"),
 )

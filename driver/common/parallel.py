@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import partial
 from itertools import count, islice
 from multiprocessing import connection
@@ -23,6 +24,7 @@ from typing import Any, TypeVar
 
 from solver_adapters.interface import PreparedError
 from solver_adapters.kernels import use_threads
+from solver_adapters.tasks import as_one_of_several, is_one_of_several
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -38,6 +40,8 @@ _SECONDS_LEFT = int(signal.SIGQUIT)
 """Seconds that a process lives on after the one that gives its tasks, and a signal: both are 3."""
 
 _AGAIN = 0.05  # s until a signal whose exit was swallowed comes once more
+
+_elsewhere: ContextVar[Executor | None] = ContextVar("elsewhere", default=None)
 
 _ENDED = (
     "execution.processes: one of {} processes side by side was ended by the system, most likely "
@@ -62,7 +66,8 @@ def side_by_side(
             takes no others, so that those of all levels together are as many as were stated.
         threads: threads of each.
         done: called with index and result as each task ends.
-        executor: where they run; processes of this machine, which end with this one, if left out.
+        executor: where they run; if left out, that of `elsewhere`, else processes of this machine,
+            which end with this one.
 
     Raises:
         PreparedError: jobs were prepared instead of being run, those of all tasks.
@@ -84,9 +89,12 @@ def side_by_side(
                 done(index, results[index])
 
     at_a_time = min(processes, len(tasks))
+    here = at_a_time <= 1 or is_one_of_several()
+    if executor is None and not here:
+        executor = _elsewhere.get()
     if executor is not None:
         _map(executor, partial(_with_threads, work, threads), tasks, max(at_a_time, 1), take)
-    elif at_a_time <= 1 or multiprocessing.parent_process() is not None:
+    elif here:
         for index, task in enumerate(tasks):
             take(index, partial(work, task))
     else:
@@ -95,6 +103,16 @@ def side_by_side(
     if prepared:
         raise PreparedError.together(prepared)
     return [results[index] for index in range(len(tasks))]
+
+
+@contextmanager
+def elsewhere(executor: Executor) -> Iterator[None]:
+    """Let an executor run the tasks of every `side_by_side` inside that takes several at a time."""
+    token = _elsewhere.set(executor)
+    try:
+        yield
+    finally:
+        _elsewhere.reset(token)
 
 
 def _map(
@@ -128,7 +146,8 @@ def _map(
 def _with_threads(work: Callable[[Task], Result], threads: int, task: Task) -> Result:
     """Do a task in a process that others use, too."""
     use_threads(threads)
-    return work(task)
+    with as_one_of_several():
+        return work(task)
 
 
 @contextmanager

@@ -274,7 +274,7 @@ def test_runs_side_by_side_give_what_runs_one_by_one_give() -> None:
 def test_a_process_that_is_one_of_several_makes_one_run_at_a_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(finite_differences, "parent_process", lambda: "a parent")
+    monkeypatch.setattr(finite_differences, "is_one_of_several", lambda: True)
     running: list[int] = []
 
     def alone(simulation: Simulation, folder: Path | None, heed: Report) -> None:
