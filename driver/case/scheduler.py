@@ -11,7 +11,7 @@ from typing import Any
 from driver.case.consent import Request, refuse_unless_agreed
 from driver.case.model import Case
 from driver.common.errors import InputError, sentence
-from driver.common.parallel import elsewhere
+from solver_adapters.tasks import elsewhere
 
 KEY = "execution.scheduler"
 """The key that names it, of a case or of a campaign."""

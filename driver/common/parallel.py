@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from contextvars import ContextVar
 from functools import partial
 from itertools import count, islice
 from multiprocessing import connection
@@ -24,7 +23,7 @@ from typing import Any, TypeVar
 
 from solver_adapters.interface import PreparedError
 from solver_adapters.kernels import use_threads
-from solver_adapters.tasks import as_one_of_several, is_one_of_several
+from solver_adapters.tasks import as_one_of_several, executor_elsewhere, is_one_of_several
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -40,8 +39,6 @@ _SECONDS_LEFT = int(signal.SIGQUIT)
 """Seconds that a process lives on after the one that gives its tasks, and a signal: both are 3."""
 
 _AGAIN = 0.05  # s until a signal whose exit was swallowed comes once more
-
-_elsewhere: ContextVar[Executor | None] = ContextVar("elsewhere", default=None)
 
 _ENDED = (
     "execution.processes: one of {} processes side by side was ended by the system, most likely "
@@ -91,7 +88,7 @@ def side_by_side(
     at_a_time = min(processes, len(tasks))
     here = at_a_time <= 1 or is_one_of_several()
     if executor is None and not here:
-        executor = _elsewhere.get()
+        executor = executor_elsewhere()
     if executor is not None:
         _map(executor, partial(_with_threads, work, threads), tasks, max(at_a_time, 1), take)
     elif here:
@@ -103,16 +100,6 @@ def side_by_side(
     if prepared:
         raise PreparedError.together(prepared)
     return [results[index] for index in range(len(tasks))]
-
-
-@contextmanager
-def elsewhere(executor: Executor) -> Iterator[None]:
-    """Let an executor run the tasks of every `side_by_side` inside that takes several at a time."""
-    token = _elsewhere.set(executor)
-    try:
-        yield
-    finally:
-        _elsewhere.reset(token)
 
 
 def _map(

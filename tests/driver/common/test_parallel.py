@@ -18,9 +18,10 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from driver.common.machine import cores
-from driver.common.parallel import elsewhere, side_by_side
+from driver.common.parallel import side_by_side
 from solver_adapters.interface import PreparedError
 from solver_adapters.kernels import PACKAGES
+from solver_adapters.tasks import elsewhere
 
 
 @pytest.mark.parametrize("processes", [1, 2])
