@@ -23,6 +23,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
         "driver.cache",
         "driver.check",
         "driver.export",
+        "driver.posterior",
         "driver.status",
         "driver.verify",
     ),

@@ -20,10 +20,12 @@ from driver.batch.command import batch
 from driver.batch.progress import State
 from driver.batch.workers import of_scheduler
 from driver.case.model import load_case, write_case
+from driver.check.command import check
 from driver.common.errors import InputError
 from driver.common.parallel import THREAD_VARIABLES, side_by_side
 from driver.results.hdf5 import read_hdf5
 from driver.virtual.command import virtual
+from driver.workflow import pipeline
 from tests.driver.batch.cases import agreed, rows, write_small_case
 from tests.driver.batch.seen_calls import SeenCalls
 from tests.support.dask_cluster import cluster
@@ -82,8 +84,8 @@ def test_a_case_that_has_lost_all_its_workers_is_told_with_what_helps(
 
 
 @pytest.mark.slow
-def test_a_case_on_a_worker_has_its_own_processes_and_the_numbers_of_a_single_one_here(
-    tmp_path: Path,
+def test_a_case_or_its_tasks_on_a_worker_have_the_numbers_of_a_single_process_here(
+    tmp_path: Path, lines: list[str]
 ) -> None:
     base = write_small_case(tmp_path / "base")
     few = {"identification.starts": 2, "identification.max_iterations": 2}
@@ -92,8 +94,9 @@ def test_a_case_on_a_worker_has_its_own_processes_and_the_numbers_of_a_single_on
         "[program]\ncycles = [[3, 1]]\nlargest_strain = 0.005\n[discretisation]\n"
         "mesh_size_um = 0.9\n"
     )
-    virtual(base, tmp_path / "s.toml", tmp_path / "there", 1)
-    shutil.copytree(tmp_path / "there", tmp_path / "here")
+    virtual(base, tmp_path / "s.toml", tmp_path / "data", 1)
+    for name in ("here", "there"):
+        shutil.copytree(tmp_path / "data", tmp_path / name)
     seen: dict[int, tuple[int, str]] = {}  # threads of each process of the case, by its number
 
     def watch(states: Sequence[State], at_a_time: int) -> None:
@@ -111,17 +114,34 @@ def test_a_case_on_a_worker_has_its_own_processes_and_the_numbers_of_a_single_on
             f'scheduler = "{made.address}"\n'
         )
         assert batch(there, watch)
+        # The same case, whose starts go to the worker while its stages run here.
+        named = {"execution.scheduler": made.address, "execution.processes": 2}
+        shutil.copytree(tmp_path / "data", tmp_path / "tasks")
+        path = tmp_path / "tasks" / "case.toml"
+        write_case(load_case(path).with_values_at(named), path)
+        (told,) = [f.message for f in check(path) if f.subject == "scheduler"]
+        assert told.startswith(f"{made.address}: 1 worker(s), 1 thread(s)")
+        (worker,) = made.processes
+        before = worker.cpu_times().user
+        pipeline.run(path, "identify")
+        assert worker.cpu_times().user > before + 1
+        # What is done and unchanged is not done again for another place to compute.
+        write_case(load_case(path).with_values_at({"execution.processes": 1}), path)
+        pipeline.run(path, "identify")
+        assert lines[-1] == "identify: done and unchanged"
     (case,) = {case for case, _ in seen.values()}
     assert list(seen.values()) == 2 * [(case, "1 1 1")]
     here = tmp_path / "here.toml"
     here.write_text('cases = ["here"]\nuntil = "identify"\n')
     assert batch(here, lambda states, at_a_time: None)
-    one, other = (
-        read_hdf5(tmp_path / name / "results" / "identify.h5") for name in ("here", "there")
+    one, *others = (
+        read_hdf5(tmp_path / name / "results" / "identify.h5")
+        for name in ("here", "there", "tasks")
     )
-    assert one.keys() == other.keys()
-    for name, values in one.items():
-        np.testing.assert_array_equal(other[name], values, err_msg=name)
+    for other in others:
+        assert one.keys() == other.keys()
+        for name, values in one.items():
+            np.testing.assert_array_equal(other[name], values, err_msg=name)
 
 
 def run(file: Path, told: Path) -> tuple[int, str]:

@@ -6,7 +6,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from driver.case import scheduler
@@ -16,11 +15,8 @@ from driver.case.scheduler import on_workers
 from driver.check.command import check
 from driver.common.errors import InputError
 from driver.common.parallel import side_by_side
-from driver.results.hdf5 import read_hdf5
-from driver.virtual.command import virtual
 from driver.workflow import pipeline
 from tests.driver.batch.cases import write_small_case
-from tests.support.dask_cluster import cluster
 
 NOBODY = "tcp://127.0.0.1:1"
 
@@ -102,37 +98,3 @@ def test_what_a_cluster_loses_is_told_in_a_sentence(
     case = case_with(tmp_path / "a", NOBODY)
     with pytest.raises(InputError, match=told), on_workers(case):
         side_by_side(work, [1, 2], 2)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("willing")
-def test_starts_on_workers_of_a_scheduler_end_with_the_numbers_of_processes_here(
-    tmp_path: Path, lines: list[str]
-) -> None:
-    base = write_small_case(tmp_path / "base")
-    few = {"identification.starts": 3, "identification.max_iterations": 1}
-    write_case(load_case(base).with_values_at(few), base)
-    (tmp_path / "s.toml").write_text(
-        "[program]\ncycles = [[3, 1]]\nlargest_strain = 0.005\n[discretisation]\n"
-        "mesh_size_um = 0.9\n"
-    )
-    virtual(base, tmp_path / "s.toml", tmp_path / "data", 1)
-    path = tmp_path / "data" / "case.toml"
-    pipeline.run(path, "identify", results=tmp_path / "here")
-    with cluster(tmp_path, 2) as made:
-        named = {"execution.scheduler": made.address}
-        write_case(load_case(path).with_values_at(named), path)
-        (told,) = [f.message for f in check(path) if f.subject == "scheduler"]
-        assert told.startswith(f"{made.address}: 2 worker(s), 2 thread(s)")
-        before = [worker.cpu_times().user for worker in made.processes]
-        pipeline.run(path, "identify", results=tmp_path / "there")
-        after = [worker.cpu_times().user for worker in made.processes]
-        # What is done and unchanged is not done again for another place to compute.
-        del lines[:]
-        pipeline.run(path, "identify", results=tmp_path / "here")
-    assert any("done and unchanged" in line for line in lines)
-    assert all(late > early + 1 for early, late in zip(before, after, strict=True))
-    one, other = (read_hdf5(tmp_path / name / "identify.h5") for name in ("here", "there"))
-    assert one.keys() == other.keys()
-    for name, values in one.items():
-        np.testing.assert_array_equal(other[name], values, err_msg=name)
