@@ -10,6 +10,7 @@ importance sampling, JMLR 25 (2024) 72).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.stats import multivariate_t
@@ -92,12 +93,13 @@ def weighted(costs: FloatArray, drawn: Proposals) -> Weighted:
     Raises:
         ImportError: arviz-stats is not installed.
     """
-    from arviz_stats.base import array_stats
+    import arviz_stats.base
 
+    smoothing: Any = arviz_stats.base  # it has no types
     raw = -0.5 * costs - drawn.log_density
     inside = np.isfinite(raw)
     # It takes the logarithms with the other sign.
-    smoothed, shape = array_stats.psislw(-raw[inside])
+    smoothed, shape = smoothing.array_stats.psislw(-raw[inside])
     weights = np.zeros(len(costs))
     weights[inside] = np.exp(smoothed)
     return Weighted(weights / weights.sum(), float(shape))
