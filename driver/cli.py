@@ -412,6 +412,20 @@ def design(
         foresee(_case_file(case), settings, change or (), usual)
 
 
+@app.command()
+def posterior(
+    case: CaseArgument,
+    draws: Annotated[int, typer.Option(min=50, help="parameter sets that are simulated")] = 300,
+    seed: Annotated[int, typer.Option(min=0, help="of the draws")] = 0,
+    results: ResultsOption = None,
+) -> None:
+    """Sample the posterior of the identified parameters of CASE, beside their Gaussian σ."""
+    from driver.posterior.command import posterior as sample
+
+    with told_in_one_line(), shown_progress():
+        sample(_case_file(case), draws, seed, results)
+
+
 @cache.command("list")
 def cache_list(where: StoreArgument = Path()) -> None:
     """Show the jobs of a store: solver, state, size, last use, and the case that asked for it."""

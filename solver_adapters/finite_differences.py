@@ -19,7 +19,6 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from multiprocessing import parent_process
 from pathlib import Path
 from threading import Event, Lock
 
@@ -40,6 +39,7 @@ from solver_adapters.interface import (
 )
 from solver_adapters.jobs.errors import is_by_circumstances
 from solver_adapters.quotient import MOST_STEPS, Pair, Slope, best_of, following_step, slope_through
+from solver_adapters.tasks import executor_elsewhere, is_one_of_several
 from solver_adapters.time_steps import once_more
 
 RUNS_PER_DIRECTION = 2  # one on each side; twice as many where the first step does not do
@@ -280,7 +280,7 @@ class FiniteDifferences:
         self, simulation: Simulation, runs: Sequence[_Run], workspace: Path | None, count: _Count
     ) -> list[Response | SolverError]:
         """Return what became of each run, in their order."""
-        stop = Event()
+        stop, elsewhere = Event(), executor_elsewhere()
 
         def heed(state: Progress) -> None:
             if stop.is_set():
@@ -290,7 +290,10 @@ class FiniteDifferences:
         def outcome(run: _Run) -> Response | SolverError:
             moved = shifted(simulation, run.direction, run.amount)
             try:
-                answer = self.adapter.solve(moved, workspace, heed)
+                if elsewhere is None:
+                    answer = self.adapter.solve(moved, workspace, heed)
+                else:
+                    answer = elsewhere.submit(self.adapter.solve, moved, workspace).result()
             except PreparedError as error:
                 return error
             except SolverError as error:
@@ -303,7 +306,7 @@ class FiniteDifferences:
             # The ends of its steps on the clock of the asked run, whose steps they should be.
             return replace(answer, ends=np.interp(answer.ends, moved.times, simulation.times))
 
-        workers = min(len(runs), 1 if parent_process() else self.processes)
+        workers = min(len(runs), 1 if is_one_of_several() else self.processes)
         if workers <= 1:
             return [outcome(run) for run in runs]
         with ThreadPoolExecutor(workers) as pool:

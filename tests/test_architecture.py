@@ -23,6 +23,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
         "driver.cache",
         "driver.check",
         "driver.export",
+        "driver.posterior",
         "driver.status",
         "driver.verify",
     ),
@@ -73,6 +74,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
         "solver_adapters.kernels",
         "solver_adapters.parameter",
         "solver_adapters.profile",
+        "solver_adapters.tasks",
     ),
     ("meshes", "solver_adapters.user_folders", "templates"),
 )

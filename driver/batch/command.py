@@ -21,6 +21,7 @@ from driver.batch.requests import requests_of_campaign
 from driver.batch.summary import write_summary
 from driver.batch.workers import Workers, of_scheduler, of_this_machine
 from driver.case.consent import refuse_unless_agreed
+from driver.case.scheduler import LOST
 from driver.common import machine
 from driver.common.errors import InputError, sentence, why
 from driver.common.formatting import cost_told, duration
@@ -40,10 +41,6 @@ logger = logging.getLogger(__name__)
 Watch = Callable[[Sequence[State], int], None]
 """Is shown the states of all jobs, and how many run at a time."""
 _EVERY = 1.0  # s between two looks at the logs
-_LOST = (
-    "lost with each worker that was at work on it, {} in all, most likely for want of memory or of "
-    "time; run again to go on"
-)
 
 
 def batch(path: Path, watch: Watch) -> bool:
@@ -207,7 +204,7 @@ def _ended(job: Job, future: Future[Outcome], workers: Workers, file: Path) -> S
         # Whatever a cluster says of a worker that it cannot use.
         told = f"{type(error).__name__}: {error}"
         lost = getattr(error, "allowed_failures", None)  # as Dask has it
-        outcome = Outcome("failed", told if lost is None else _LOST.format(lost + 1), 0.0)
+        outcome = Outcome("failed", told if lost is None else LOST.format(lost + 1), 0.0)
     state = State(job, outcome.status, outcome.seconds, words=outcome.why)
     reason = f": {outcome.why}" if outcome.why else ""
     logger.info(f"{job.name}: {outcome.status} after {duration(outcome.seconds)}{reason}")

@@ -17,6 +17,7 @@ from driver.batch.campaign import Campaign, Study, Trial
 from driver.case.changes import changed_case, merged
 from driver.case.file_names import read_from
 from driver.case.model import CASE_FILE, SCHEMA_FILE, Case, case_text, load_case, schema_text
+from driver.case.scheduler import KEY
 from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError, sentence, show
 from driver.results.files import (
@@ -41,6 +42,10 @@ from driver.workflow.pipeline import cost_of_run, stages
 _MARK = "# Written by prismid batch; a change of the campaign writes it anew.\n"
 _LONGEST = 100  # bytes of the name of a file
 _NOTHING = Cost(0.0, 0.0, 0)
+
+
+class _OwnWorkersError(InputError):
+    """A case that names workers, in a campaign that has some."""
 
 
 @dataclass(frozen=True)
@@ -167,6 +172,8 @@ def _of_case(path: Path, key: str, campaign: Campaign, file: Path) -> Job:
     name = _name(path, file)
     try:
         return _job(name, key, path, load_case(path), campaign, file)
+    except _OwnWorkersError:
+        raise
     except Exception:
         calls = (("run", str(path), "--until", campaign.until),)
         return Job(name, key, path, calls, campaign.until, *_files(file, name), _NOTHING)
@@ -257,6 +264,10 @@ def _job(
     n_images: int = 0,
 ) -> Job:
     use, names = campaign.execution, [stage.name for stage in stages(case)]
+    if case.execution.scheduler is not None and (use.scheduler or campaign.cluster):
+        # A worker that waits for tasks of its own does none.
+        found = f'"{case.execution.scheduler}" in a case of a campaign that has workers of its own'
+        raise _OwnWorkersError(sentence(path, KEY, found, "the key in one of both"))
     # Without images there are fewer stages.
     last = campaign.until if campaign.until in names else "identify"
     run = (

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from driver.batch.calls import Outcome, carry_out, carry_out_on_worker
 from driver.batch.jobs import Job
-from driver.common.errors import InputError, sentence
-
-_PATIENCE = 10  # s, for the scheduler and its first worker
+from driver.case.scheduler import KEY, client_of
 
 
 @dataclass(frozen=True)
@@ -58,27 +55,8 @@ def of_scheduler(address: str, file: Path) -> Iterator[Workers]:
     Raises:
         InputError: Dask is not installed, or no scheduler with a worker answers.
     """
-    key = "execution.scheduler"
-    try:
-        import distributed
-    except ImportError:
-        expected = '`pip install "prismid[cluster]"` before'
-        raise InputError(sentence(file, key, f'"{address}" without Dask', expected)) from None
-    library: Any = distributed  # it has no types
-    # Of a scheduler that is lost it tells pages.
-    with library.utils.silence_logging_cmgr("critical"), ExitStack() as closing:
-        try:
-            client = library.Client(address, timeout=_PATIENCE, set_as_default=False)
-        except (OSError, ValueError) as error:
-            expected = "the address of a Dask scheduler that answers"
-            raise InputError(sentence(file, key, f'"{address}" ({error})', expected)) from None
-        closing.enter_context(client)
-        try:
-            client.wait_for_workers(1, timeout=_PATIENCE)
-        except TimeoutError:
-            found = f'"{address}", which has no worker'
-            raise InputError(sentence(file, key, found, "one with workers")) from None
+    with client_of(address, file) as client:
         at_a_time = sum(client.nthreads().values())
         executor = client.get_executor(pure=False)
         where = f"on the workers of {address}"
-        yield Workers(executor, at_a_time, where, key, carry_out_on_worker)
+        yield Workers(executor, at_a_time, where, KEY, carry_out_on_worker)

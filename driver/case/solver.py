@@ -64,6 +64,11 @@ class Execution(Table):
 
     processes: Few = Field(default=2, description="simulations side by side")
     threads: Few = Field(default=1, description="threads of each process")
+    scheduler: str | None = Field(
+        default=None,
+        description='a text in quotes, the address of a Dask scheduler, as "tcp://host:8786", '
+        "whose workers simulate side by side",
+    )
     budget_min: Positive = Field(
         default=120.0,
         description="minutes of all stages up to the diagnosis, within which automatic meshes are "

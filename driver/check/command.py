@@ -10,7 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from driver.case.consent import refuse_unless_agreed
 from driver.case.model import Case, load_case
+from driver.case.scheduler import client_of, requests_of_scheduler
 from driver.case.solver_profiles import profile_of
 from driver.case.specimen import SIZES
 from driver.check.check_result import Finding
@@ -82,6 +84,7 @@ def check(case_path: Path, results: Path | None = None) -> list[Finding]:
     findings += of_grains
     unoriented = any(finding.level == "error" for finding in of_grains)
     findings += _causes(case)
+    findings += _scheduler(case)
     adapter: Adapter | None = None
     try:
         adapter = find_adapter(case.solver.name, profile_of(case))
@@ -164,6 +167,22 @@ def _axes(case: Case) -> Iterator[Finding]:
         f"rows along {images.rows_along}, columns along {images.columns_along}, heights along "
         f"{images.heights}: right-handed",
     )
+
+
+def _scheduler(case: Case) -> Iterator[Finding]:
+    address = case.execution.scheduler
+    if address is None:
+        return
+    try:
+        refuse_unless_agreed(case.file, requests_of_scheduler(case))
+        with client_of(address, case.file) as client:
+            threads = client.nthreads().values()
+    except InputError as error:
+        yield Finding("error", "scheduler", str(error))
+        return
+    told = f"{address}: {len(threads)} worker(s), {sum(threads)} thread(s), of which at most "
+    told += f"execution.processes = {case.execution.processes} are used at a time"
+    yield Finding("ok", "scheduler", told)
 
 
 def _causes(case: Case) -> Iterator[Finding]:

@@ -23,6 +23,7 @@ from typing import Any, TypeVar
 
 from solver_adapters.interface import PreparedError
 from solver_adapters.kernels import use_threads
+from solver_adapters.tasks import as_one_of_several, executor_elsewhere, is_one_of_several
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -62,7 +63,8 @@ def side_by_side(
             takes no others, so that those of all levels together are as many as were stated.
         threads: threads of each.
         done: called with index and result as each task ends.
-        executor: where they run; processes of this machine, which end with this one, if left out.
+        executor: where they run; if left out, that of `elsewhere`, else processes of this machine,
+            which end with this one.
 
     Raises:
         PreparedError: jobs were prepared instead of being run, those of all tasks.
@@ -84,9 +86,12 @@ def side_by_side(
                 done(index, results[index])
 
     at_a_time = min(processes, len(tasks))
+    here = at_a_time <= 1 or is_one_of_several()
+    if executor is None and not here:
+        executor = executor_elsewhere()
     if executor is not None:
         _map(executor, partial(_with_threads, work, threads), tasks, max(at_a_time, 1), take)
-    elif at_a_time <= 1 or multiprocessing.parent_process() is not None:
+    elif here:
         for index, task in enumerate(tasks):
             take(index, partial(work, task))
     else:
@@ -128,7 +133,8 @@ def _map(
 def _with_threads(work: Callable[[Task], Result], threads: int, task: Task) -> Result:
     """Do a task in a process that others use, too."""
     use_threads(threads)
-    return work(task)
+    with as_one_of_several():
+        return work(task)
 
 
 @contextmanager

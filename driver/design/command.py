@@ -9,6 +9,7 @@ from pathlib import Path
 from time import perf_counter
 
 from driver.case.model import Case
+from driver.case.scheduler import on_workers
 from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError
 from driver.common.formatting import cost_told
@@ -103,7 +104,8 @@ def design(
     simulated = simulate(prepared)
     before = forecast(prepared, simulated)
     logger.info(f"  simulated, {len(simulated.names)} sensitivities")
-    others = changed_forecasts(plans, base, simulated)
+    with on_workers(base.variant.case):
+        others = changed_forecasts(plans, base, simulated)
     for line in lines_of(before, surface.told, others):
         logger.info(line)
     _write(results, before, surface, others)

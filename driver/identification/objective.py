@@ -98,6 +98,26 @@ class Objective:
             paper=paper_chi(self.data, load, rho),
         )
 
+    def cost_about(
+        self, here: Evaluation, prediction: Prediction, values: Mapping[str, float]
+    ) -> float:
+        """Return ‖r‖² + prior of a prediction, images taken to first order about an evaluation.
+
+        What interpolation makes of the noise of the images between two places is left out: it
+        would be taken for an effect of the parameters.
+
+        Args:
+            here: the evaluation, under this objective.
+            prediction: at other values of its free parameters.
+            values: every parameter there.
+        """
+        correction = self.correction.at(values)
+        motion = prediction.motion + correction.motion - here.motion
+        load = prediction.load + correction.load - here.load
+        residual = here.residual - self.data.change(motion, load)
+        gap, weight = self._prior_at(values, here.free)
+        return float(residual @ residual + weight @ gap**2)
+
     def expect(
         self, prediction: Prediction, values: Mapping[str, float], free: Sequence[str]
     ) -> Evaluation:

@@ -89,6 +89,9 @@ NOISE_FLOOR_PICTURE = "noise_floor.png"
 DESIGN, DESIGN_PICTURE = "design.json", "design.png"
 """What an experiment would say, and its picture."""
 
+POSTERIOR, POSTERIOR_DRAWS = "posterior.csv", "posterior_draws.csv"
+"""Moments of the posterior by sampling, and the draws with their weights."""
+
 # An export.
 EXPORT = "export"
 """The folder of an export, among the results unless another one is given."""

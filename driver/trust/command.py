@@ -8,6 +8,7 @@ from driver.batch.campaign import read_campaign
 from driver.batch.requests import requests_of_campaign
 from driver.case.consent import Request, agree, is_agreed, trusted_path
 from driver.case.model import load_case
+from driver.case.scheduler import requests_of_scheduler
 from driver.case.solver_profiles import requests_of_profiles
 from driver.case.toml import read_toml
 from driver.results.files import batch_folder, link_requests, results_of
@@ -24,7 +25,11 @@ def asked_for(path: Path) -> list[Request]:
     """
     if {"specimen", "grains"} & set(read_toml(path, "a case or a campaign")):
         case = load_case(path)
-        requests = [*requests_of_profiles(case), *link_requests(results_of(case))]
+        requests = [
+            *requests_of_profiles(case),
+            *requests_of_scheduler(case),
+            *link_requests(results_of(case)),
+        ]
     else:
         campaign = read_campaign(path)
         requests = [*requests_of_campaign(campaign), *link_requests(batch_folder(path))]

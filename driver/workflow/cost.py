@@ -113,7 +113,7 @@ def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> C
         steps = finer_steps(case, solver)
         once = simulation_memory(kind, finer, n_images, max(told), steps)
         memory = max(memory, once)
-    if case.execution.processes > 1:
+    if case.execution.processes > 1 and case.execution.scheduler is None:
         each = simulation_memory(kind, n_cells, n_images, directions, at_once)
         memory += case.execution.processes * each
     if case.with_images:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,6 +13,7 @@ from shlex import quote
 
 from driver.case.file_names import TRACE
 from driver.case.model import Case
+from driver.case.scheduler import on_workers
 from driver.case.specimen import SIZES
 from driver.common.errors import sentence
 from driver.common.formatting import cost_told, joined
@@ -150,7 +152,8 @@ def run(
     if not case.with_images:
         logger.info(SKIPPED)
     refined = partial(refined_within_budget, stages=every)
-    run_stages(case, every, until, force, prepare_only, refined, coarser_again)
+    with on_workers(case) if left else nullcontext():
+        run_stages(case, every, until, force, prepare_only, refined, coarser_again)
 
 
 def _left(case: Case, every: Sequence[Stage], until: str | None, force: bool) -> list[str]:

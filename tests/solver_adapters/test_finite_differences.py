@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from threading import Barrier
+from threading import Barrier, current_thread
 
 import numpy as np
 import pytest
@@ -33,6 +34,7 @@ from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.status import CACHED, Status
 from solver_adapters.material import Material
 from solver_adapters.result_files import ResultFileError
+from solver_adapters.tasks import elsewhere
 from tools.boxes import box, pulled
 
 Report = Callable[[Progress], None]
@@ -271,10 +273,30 @@ def test_runs_side_by_side_give_what_runs_one_by_one_give() -> None:
     np.testing.assert_array_equal(beside.d_displacement, alone.d_displacement)
 
 
+def test_runs_go_to_an_executor_elsewhere_as_many_at_a_time_as_are_stated() -> None:
+    at_work: list[int] = []
+    most: list[int] = []
+
+    def count(simulation: Simulation, folder: Path | None, heed: Report) -> None:
+        if simulation.material != along().material:
+            assert current_thread().name.startswith("elsewhere")
+            at_work.append(1)
+            time.sleep(0.05)
+            most.append(len(at_work))
+            at_work.pop()
+
+    here = FiniteDifferences(Toy(1e-6), 1).solve(along(*BOTH))
+    with ThreadPoolExecutor(8, thread_name_prefix="elsewhere") as threads, elsewhere(threads):
+        there = FiniteDifferences(Toy(1e-6, count), 2).solve(along(*BOTH))
+    assert max(most) == 2
+    np.testing.assert_array_equal(there.d_force, here.d_force)
+    np.testing.assert_array_equal(there.d_displacement, here.d_displacement)
+
+
 def test_a_process_that_is_one_of_several_makes_one_run_at_a_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(finite_differences, "parent_process", lambda: "a parent")
+    monkeypatch.setattr(finite_differences, "is_one_of_several", lambda: True)
     running: list[int] = []
 
     def alone(simulation: Simulation, folder: Path | None, heed: Report) -> None:

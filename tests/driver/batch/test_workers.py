@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 import os
-import re
 import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -22,69 +20,17 @@ from driver.batch.command import batch
 from driver.batch.progress import State
 from driver.batch.workers import of_scheduler
 from driver.case.model import load_case, write_case
+from driver.check.command import check
 from driver.common.errors import InputError
 from driver.common.parallel import THREAD_VARIABLES, side_by_side
 from driver.results.hdf5 import read_hdf5
 from driver.virtual.command import virtual
-from solver_adapters.kernels import PACKAGES
+from driver.workflow import pipeline
 from tests.driver.batch.cases import agreed, rows, write_small_case
 from tests.driver.batch.seen_calls import SeenCalls
+from tests.support.dask_cluster import cluster
 
 pytestmark = pytest.mark.usefixtures("willing")
-ADDRESS = re.compile(r"Scheduler at:\s+(tcp://\S+)")
-
-
-@contextmanager
-def process(
-    *arguments: str, log: Path, settings: Mapping[str, str]
-) -> Iterator[subprocess.Popen[bytes]]:
-    with log.open("wb") as file:
-        made = subprocess.Popen(
-            [sys.executable, "-m", "distributed.cli." + arguments[0], *arguments[1:]],
-            env={**os.environ, "PYTHONPATH": str(PACKAGES), **settings},
-            stdout=file,
-            stderr=file,
-        )
-        try:
-            yield made
-        finally:
-            made.kill()
-            made.wait()
-
-
-@dataclass(frozen=True)
-class Cluster:
-    """A scheduler, its address, and its workers of one thread each."""
-
-    address: str
-    scheduler: subprocess.Popen[bytes]
-    workers: Sequence[subprocess.Popen[bytes]]
-
-
-@contextmanager
-def cluster(
-    folder: Path, workers: int, port: int = 0, settings: Mapping[str, str] | None = None
-) -> Iterator[Cluster]:
-    with ExitStack() as stack:
-        log, variables = folder / "scheduler.log", settings or {}
-        start = ("dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
-        scheduler = stack.enter_context(process(*start, log=log, settings=variables))
-        while not (found := ADDRESS.search(log.read_text("utf-8"))):
-            assert scheduler.poll() is None, log.read_text("utf-8")
-            time.sleep(0.1)
-        own = (
-            "dask_worker", found[1], "--nthreads", "1", "--no-dashboard", "--no-nanny",
-            "--local-directory", str(folder / "dask"),
-        )  # fmt: skip
-        each = [
-            stack.enter_context(process(*own, log=folder / f"worker_{k}.log", settings=variables))
-            for k in range(workers)
-        ]
-        for k, worker in enumerate(each):
-            while "Registered to" not in (folder / f"worker_{k}.log").read_text("utf-8"):
-                assert worker.poll() is None
-                time.sleep(0.1)
-        yield Cluster(found[1], scheduler, each)
 
 
 @pytest.mark.slow
@@ -138,8 +84,8 @@ def test_a_case_that_has_lost_all_its_workers_is_told_with_what_helps(
 
 
 @pytest.mark.slow
-def test_a_case_on_a_worker_has_its_own_processes_and_the_numbers_of_a_single_one_here(
-    tmp_path: Path,
+def test_a_case_or_its_tasks_on_a_worker_have_the_numbers_of_a_single_process_here(
+    tmp_path: Path, lines: list[str]
 ) -> None:
     base = write_small_case(tmp_path / "base")
     few = {"identification.starts": 2, "identification.max_iterations": 2}
@@ -148,8 +94,9 @@ def test_a_case_on_a_worker_has_its_own_processes_and_the_numbers_of_a_single_on
         "[program]\ncycles = [[3, 1]]\nlargest_strain = 0.005\n[discretisation]\n"
         "mesh_size_um = 0.9\n"
     )
-    virtual(base, tmp_path / "s.toml", tmp_path / "there", 1)
-    shutil.copytree(tmp_path / "there", tmp_path / "here")
+    virtual(base, tmp_path / "s.toml", tmp_path / "data", 1)
+    for name in ("here", "there"):
+        shutil.copytree(tmp_path / "data", tmp_path / name)
     seen: dict[int, tuple[int, str]] = {}  # threads of each process of the case, by its number
 
     def watch(states: Sequence[State], at_a_time: int) -> None:
@@ -167,17 +114,34 @@ def test_a_case_on_a_worker_has_its_own_processes_and_the_numbers_of_a_single_on
             f'scheduler = "{made.address}"\n'
         )
         assert batch(there, watch)
+        # The same case, whose starts go to the worker while its stages run here.
+        named = {"execution.scheduler": made.address, "execution.processes": 2}
+        shutil.copytree(tmp_path / "data", tmp_path / "tasks")
+        path = tmp_path / "tasks" / "case.toml"
+        write_case(load_case(path).with_values_at(named), path)
+        (told,) = [f.message for f in check(path) if f.subject == "scheduler"]
+        assert told.startswith(f"{made.address}: 1 worker(s), 1 thread(s)")
+        (worker,) = made.processes
+        before = worker.cpu_times().user
+        pipeline.run(path, "identify")
+        assert worker.cpu_times().user > before + 1
+        # What is done and unchanged is not done again for another place to compute.
+        write_case(load_case(path).with_values_at({"execution.processes": 1}), path)
+        pipeline.run(path, "identify")
+        assert lines[-1] == "identify: done and unchanged"
     (case,) = {case for case, _ in seen.values()}
     assert list(seen.values()) == 2 * [(case, "1 1 1")]
     here = tmp_path / "here.toml"
     here.write_text('cases = ["here"]\nuntil = "identify"\n')
     assert batch(here, lambda states, at_a_time: None)
-    one, other = (
-        read_hdf5(tmp_path / name / "results" / "identify.h5") for name in ("here", "there")
+    one, *others = (
+        read_hdf5(tmp_path / name / "results" / "identify.h5")
+        for name in ("here", "there", "tasks")
     )
-    assert one.keys() == other.keys()
-    for name, values in one.items():
-        np.testing.assert_array_equal(other[name], values, err_msg=name)
+    for other in others:
+        assert one.keys() == other.keys()
+        for name, values in one.items():
+            np.testing.assert_array_equal(other[name], values, err_msg=name)
 
 
 def run(file: Path, told: Path) -> tuple[int, str]:

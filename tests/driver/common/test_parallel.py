@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
@@ -20,6 +21,7 @@ from driver.common.machine import cores
 from driver.common.parallel import side_by_side
 from solver_adapters.interface import PreparedError
 from solver_adapters.kernels import PACKAGES
+from solver_adapters.tasks import elsewhere
 
 
 @pytest.mark.parametrize("processes", [1, 2])
@@ -48,6 +50,37 @@ def test_numbers_are_the_same_wherever_tasks_run() -> None:
     assert side_by_side(eigenvalues, range(5), 2) == alone
     with ThreadPoolExecutor(3) as threads:
         assert side_by_side(eigenvalues, range(5), 2, executor=threads) == alone
+
+
+class Counting(ThreadPoolExecutor):
+    """An executor that counts what it is given."""
+
+    given = 0
+
+    def submit(self, *arguments: Any, **named: Any) -> Any:
+        self.given += 1
+        return super().submit(*arguments, **named)
+
+
+def test_inside_of_elsewhere_an_executor_does_what_would_go_to_processes() -> None:
+    with Counting(2) as executor:
+        with elsewhere(executor):
+            there = side_by_side(eigenvalues, range(5), 2)
+            assert executor.given == 5
+            side_by_side(eigenvalues, range(3), 1)
+            assert executor.given == 5  # what is alone stays here
+        assert there == side_by_side(eigenvalues, range(5), 2)
+        assert executor.given == 5
+
+
+def squares_of_both(task: int) -> list[float]:
+    return side_by_side(math.sqrt, [float(task), 4.0], 2)
+
+
+def test_a_task_of_an_executor_gives_it_no_tasks_that_would_wait_for_a_free_thread() -> None:
+    with Counting(1) as executor, elsewhere(executor):
+        assert side_by_side(squares_of_both, [1, 9], 2) == [[1.0, 2.0], [3.0, 2.0]]
+    assert executor.given == 2
 
 
 def test_no_more_tasks_are_given_to_an_executor_than_are_to_run_at_a_time() -> None:

@@ -1,0 +1,1 @@
+"""Whether what is told of the parameters, a Gaussian, is the posterior."""
