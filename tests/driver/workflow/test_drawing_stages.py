@@ -1,0 +1,43 @@
+"""What the stages of a run import before they begin."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from driver.workflow import drawing_stages
+from solver_adapters.kernels import PACKAGES
+
+
+def test_a_run_loads_what_draws_and_what_tests_of_statistics_need_no_sooner_than_it_uses_them() -> (
+    None
+):
+    code = "import driver.workflow.pipeline, sys; print({'matplotlib', 'scipy.stats'} & {*sys.modules})"
+    found = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | {"PYTHONPATH": str(PACKAGES)},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert found.stdout == "set()\n"
+
+
+@pytest.mark.parametrize(
+    ("stage", "name"),
+    [
+        ("measure_stage", "run_measure"),
+        ("advise_stage", "run_advise"),
+        ("report_stage", "run_report"),
+        ("report_stage", "run_report_identified"),
+        ("report_loads_stage", "run_report_loads"),
+    ],
+)
+def test_each_stage_is_that_of_its_module(
+    stage: str, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    called: list[object] = []
+    monkeypatch.setattr(f"driver.workflow.{stage}.{name}", lambda *given: called.extend(given))
+    context = object()
+    getattr(drawing_stages, name)(context)
+    assert called[0] is context
