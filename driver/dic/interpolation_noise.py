@@ -79,7 +79,7 @@ def noise_of_weights(
     Returns:
         Shape (...).
     """
-    # Its import takes a second, with scipy.stats: of few calls of prismid is it needed.
+    # Its import takes a second, with scipy.stats, and few calls of prismid need it.
     from scipy.signal import oaconvolve
 
     every = np.concatenate([shared[:0:-1], shared])
