@@ -3,12 +3,14 @@
 MAKEFLAGS += --no-print-directory
 .SILENT:
 .DELETE_ON_ERROR:
-.PHONY: help demo test slow docs setup clean
+.PHONY: help demo test slow docs setup kernels clean
 
 VENV := .venv
-# Files of tests side by side, one for each core, each with one thread; by their names, for files of
-# few tests are the longest and would come last.
+# Files of tests side by side, one for each core, each with one thread; in the order in which they
+# are collected (`tests/conftest.py`), for files of few tests are the longest and would come last.
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(VENV)/bin/pytest --numprocesses logical --dist loadfile --no-loadscope-reorder
+# Tests that `make test` runs, as pytest's option -m names them.
+TESTS := not slow
 CASE := examples/alpha/case.toml
 PAGE := examples/alpha/results/report.html
 
@@ -29,14 +31,23 @@ demo: $(VENV)/installed
 	$(VENV)/bin/prismid run $(CASE)
 	echo "The report is $(CURDIR)/$(PAGE)"
 
-test: $(VENV)/installed-dev
+# Types are checked beside the tests, on what they leave free, and told after them.
+test: kernels
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
-	$(VENV)/bin/mypy
-	$(PYTEST)
+	$(VENV)/bin/mypy > $(VENV)/types.log 2>&1 & types=$$!; \
+	trap 'kill $$types; exit 130' INT TERM; \
+	$(PYTEST) -m '$(TESTS)'; tests=$$?; \
+	wait $$types; types=$$?; \
+	cat $(VENV)/types.log; \
+	test $$tests = 0 && test $$types = 0
 
-slow: $(VENV)/installed-dev
+slow: kernels
 	$(PYTEST) -m slow
+
+# Files of tests side by side would compile the same kernels at the same time.
+kernels: $(VENV)/installed-dev
+	$(VENV)/bin/python -m tools.compiled_kernels
 
 docs: $(VENV)/installed-dev
 	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --quiet --strict

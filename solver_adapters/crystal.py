@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from meshes.arrays import FloatArray
 
@@ -115,6 +114,9 @@ def schmid_tensors(table: SystemTable) -> FloatArray:
 
 def rotation_vector_matrix(vector: FloatArray) -> FloatArray:
     """Rotation matrix of a rotation vector [rad], shape (3,) → (3, 3)."""
+    # Its import takes a third of the start of every call of prismid, few of which turn crystals.
+    from scipy.spatial.transform import Rotation
+
     return np.asarray(Rotation.from_rotvec(vector).as_matrix())
 
 
@@ -123,6 +125,8 @@ def bunge_matrix(phi1: float, capital_phi: float, phi2: float) -> FloatArray:
 
     The columns are the crystal axes in the sample frame (the transpose of Bunge's matrix g).
     """
+    from scipy.spatial.transform import Rotation
+
     angles = (phi1, capital_phi, phi2)
     return np.asarray(Rotation.from_euler("ZXZ", angles, degrees=True).as_matrix())
 

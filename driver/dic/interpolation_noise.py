@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from scipy import signal
 from scipy.sparse import csc_array, csr_array
 
 from driver.common.splines.images import noise_autocorrelation
@@ -80,12 +79,15 @@ def noise_of_weights(
     Returns:
         Shape (...).
     """
+    # Its import takes a second, with scipy.stats, and few calls of prismid need it.
+    from scipy.signal import oaconvolve
+
     every = np.concatenate([shared[:0:-1], shared])
     every = np.concatenate([every[:, :0:-1], every], axis=1)
     image = np.zeros((*weights.shape[:-1], np.ptp(rows) + 1, np.ptp(cols) + 1))
     image[..., rows - rows.min(), cols - cols.min()] = weights
     kernel = every[(None,) * (weights.ndim - 1)]
-    spread = signal.oaconvolve(image, kernel, mode="same", axes=(-2, -1))
+    spread = oaconvolve(image, kernel, mode="same", axes=(-2, -1))
     return np.asarray((image * spread).sum(axis=(-2, -1)))
 
 

@@ -24,9 +24,15 @@ from driver.experiment.reading import history_of, refuse_absent_images
 from driver.forward.build import capabilities_of, mesh_of, refuse_unfit_solver
 from driver.results.files import DIAGNOSIS, IDENTIFY, job_store, make_job_store, results_of
 from driver.results.mesh_sizes import sized, sized_case
-from driver.workflow.advise_stage import run_advise
 from driver.workflow.cost import Cost, estimate, measuring_memory
 from driver.workflow.diagnose_stage import run_diagnose
+from driver.workflow.drawing_stages import (
+    run_advise,
+    run_measure,
+    run_report,
+    run_report_identified,
+    run_report_loads,
+)
 from driver.workflow.engine import (
     Stage,
     StageError,
@@ -39,11 +45,8 @@ from driver.workflow.engine import (
 )
 from driver.workflow.identify_stage import run_identify
 from driver.workflow.loads_only_stage import SKIPPED, run_identify_loads
-from driver.workflow.measure_stage import run_measure
 from driver.workflow.mesh_stage import run_mesh
 from driver.workflow.refinement import coarser_again, refined_within_budget, told_beforehand
-from driver.workflow.report_loads_stage import run_report_loads
-from driver.workflow.report_stage import run_report, run_report_identified
 from solver_adapters.kernels import use_threads
 
 logger = logging.getLogger(__name__)

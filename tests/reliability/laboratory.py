@@ -24,11 +24,12 @@ import psutil
 
 from solver_adapters.kernels import PACKAGES
 from solver_adapters.user_folders import cache_folder
-from tests.reliability.gate import EVERY, FOLDER, GATE, install
+from tests.reliability.gate import FOLDER, GATE, install
 
 _CLONE_NEWNS = 0x00020000
 _WHOLE_DISK = 64_000_000  # bytes of a disk that is filled
 _ROOM = 6_000  # bytes that are left of it
+_WAITING = 0.1  # s between two looks at all processes, each of which takes some milliseconds
 _SITE = "from tests.reliability import gate\ngate.install()\n"
 _POINTS = """[prismid.solvers]
 closed_form = tests.reliability.solvers:Closed
@@ -63,7 +64,7 @@ class Call:
         """Wait until so many processes of it are at the gate, and return them."""
         while len(there := self.laboratory.marks("reached")) < many:
             assert self.laboratory.code(self, 0.0) is None, f"it has ended: {self.text()}"
-            time.sleep(EVERY)
+            time.sleep(_WAITING)
         self.look()
         return there
 
@@ -179,7 +180,7 @@ class Laboratory:
             call.look()
             if time.monotonic() >= end:
                 return None
-            time.sleep(EVERY)
+            time.sleep(_WAITING)
         return int(told)
 
     def _asked(self, what: Mapping[str, Any]) -> str:

@@ -18,7 +18,7 @@ from solver_adapters.kernels import (
     kernels_hash,
 )
 
-DECORATORS = {"kernel", "ordered_kernel", "batch_kernel"}
+DECORATORS = {"kernel", "ordered_kernel", "loop_kernel", "batch_kernel"}
 
 
 def copy_of_the_sources(folder: Path) -> Path:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, ndimage, signal
+from scipy import fft, ndimage
 
 from meshes.arrays import FloatArray
 
@@ -68,8 +68,11 @@ class Texture:
 
 def texture(heights: FloatArray, pixel: float, origin: tuple[float, float]) -> Texture:
     """Return a height map [µm] without gaps, shape (rows, columns), as a function of position."""
+    # Its import takes a second, with scipy.stats.
+    from scipy.signal import resample
+
     fine = np.pad(heights, [(0, n) for n in heights.shape], mode="symmetric")
     for axis, n in enumerate(heights.shape):
-        fine = signal.resample(fine, 2 * n * _FINER, axis=axis)
+        fine = resample(fine, 2 * n * _FINER, axis=axis)
     table = ndimage.spline_filter(fine, order=_ORDER, mode="grid-wrap")
     return Texture(heights, pixel, origin, np.asarray(table))

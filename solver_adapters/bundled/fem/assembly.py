@@ -20,7 +20,7 @@ from numba import prange
 
 from meshes.arrays import BoolArray, FloatArray, IntArray
 from solver_adapters.bundled.fem.dilatation import Dilatation
-from solver_adapters.kernels import batch_kernel, kernel
+from solver_adapters.kernels import batch_kernel, loop_kernel
 
 
 def displacement_gradients(
@@ -374,14 +374,14 @@ def _add_projected_stiffness(n_gauss: int, n: int) -> Any:
     return add_projected_stiffness
 
 
-@kernel
+@loop_kernel
 def _sum_slots(slots: IntArray, element_matrices: FloatArray, values: FloatArray) -> None:
     for e in range(slots.shape[0]):
         for m in range(slots.shape[1]):
             values[slots[e, m]] += element_matrices[e, m]
 
 
-@kernel
+@loop_kernel
 def _sum_signed_slots(
     slots: IntArray, flipped: BoolArray, element_matrices: FloatArray, values: FloatArray
 ) -> None:
@@ -391,7 +391,7 @@ def _sum_signed_slots(
             values[slots[e, m]] += -value if flipped[e, m] else value
 
 
-@kernel
+@loop_kernel
 def _sum_nodes(dofs: IntArray, element_vectors: FloatArray, sums: FloatArray) -> None:
     for e in range(dofs.shape[0]):
         for i in range(dofs.shape[1]):

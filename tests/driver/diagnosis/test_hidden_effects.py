@@ -21,6 +21,8 @@ from tests.driver.diagnosis.hidden_effects import (
 )
 from tools.short_specimen import CYCLES, small_case, true_case, true_knots
 
+pytestmark = pytest.mark.slow
+
 OFFSET = 60.0  # µN
 LATENT = 14.0  # MPa, seven prior scales, where Q is 0
 SEED = 1
@@ -44,13 +46,11 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Diagnose:
     return diagnoses(tmp_path_factory, small_case(), course)
 
 
-@pytest.mark.slow
 def test_a_hidden_effect_is_named_and_its_size_recovered(diagnosed: Diagnose) -> None:
     found = diagnosed("load_offset", SEED)
     assert_named_and_recovered(found, "load_offset", *EFFECTS["load_offset"])
 
 
-@pytest.mark.slow
 def test_latent_hardening_is_named_where_there_is_no_isotropic_hardening(
     diagnosed: Diagnose,
 ) -> None:

@@ -7,7 +7,10 @@ from decimal import Decimal, localcontext
 
 import pytest
 
-from solver_adapters.bundled.law.back_strain import gained, growth, recall_slope, share_left
+from solver_adapters.bundled.law import back_strain
+from tests.solver_adapters.bundled.from_python import FromPython
+
+kernels = FromPython(back_strain)
 
 RECALL = 1500.0
 # Products d Δp: tiny, on both sides of where a series gives way (1e-3, 1e-2), moderate, saturated.
@@ -56,8 +59,8 @@ def slope_of(function: Callable[[Decimal], Decimal], at: float, size: float) -> 
 
 
 def found_end(slip: float, start: float, exponential: bool) -> float:
-    left = share_left(RECALL * slip, exponential)
-    return float(start * left + gained(left, slip, RECALL, exponential))
+    left = kernels.share_left(RECALL * slip, exponential)
+    return float(start * left + kernels.gained(left, slip, RECALL, exponential))
 
 
 def test_the_back_strain_at_the_end_is_that_of_the_scheme(
@@ -71,21 +74,23 @@ def test_the_back_strain_at_the_end_is_that_of_the_scheme(
 
 
 def test_growth_is_the_slope_along_the_slip(slip: float, start: float, exponential: bool) -> None:
-    left = share_left(RECALL * slip, exponential)
+    left = kernels.share_left(RECALL * slip, exponential)
     exact = slope_of(
         lambda p: exact_end(p, Decimal(RECALL), start, exponential), slip, 1.0 / RECALL
     )
-    assert growth(left, start, RECALL, exponential) == pytest.approx(exact, rel=3e-14, abs=1e-25)
+    assert kernels.growth(left, start, RECALL, exponential) == pytest.approx(
+        exact, rel=3e-14, abs=1e-25
+    )
 
 
 def test_the_recall_slope_is_the_slope_along_d(
     slip: float, start: float, exponential: bool
 ) -> None:
-    left = share_left(RECALL * slip, exponential)
+    left = kernels.share_left(RECALL * slip, exponential)
     exact = slope_of(lambda d: exact_end(Decimal(slip), d, start, exponential), RECALL, RECALL)
     # Above its series the closed form loses 1e-16/u² of Δp², with u ≥ 1e-2.
     tolerance = 1e-11 * slip * slip + 1e-14 * slip * abs(start)
-    assert abs(recall_slope(left, slip, RECALL, start, exponential) - exact) <= tolerance
+    assert abs(kernels.recall_slope(left, slip, RECALL, start, exponential) - exact) <= tolerance
 
 
 @pytest.mark.parametrize("threshold", [1e-3, 1e-2])
@@ -94,15 +99,17 @@ def test_series_and_closed_forms_meet(threshold: float) -> None:
     below, above = (threshold * (1.0 + sign * 1e-13) / RECALL for sign in (-1, 1))
 
     def gain(slip: float) -> float:
-        return float(gained(share_left(RECALL * slip, True), slip, RECALL, True))
+        return float(kernels.gained(kernels.share_left(RECALL * slip, True), slip, RECALL, True))
 
     def slope(slip: float) -> float:
-        return float(recall_slope(share_left(RECALL * slip, True), slip, RECALL, 0.0, True))
+        return float(
+            kernels.recall_slope(kernels.share_left(RECALL * slip, True), slip, RECALL, 0.0, True)
+        )
 
     assert gain(below) == pytest.approx(gain(above), rel=1e-12)
     assert slope(below) == pytest.approx(slope(above), rel=2e-11)
 
 
 def test_a_long_slip_leaves_nothing_and_saturates_the_back_strain() -> None:
-    assert share_left(1e6, True) < 1e-250
+    assert kernels.share_left(1e6, True) < 1e-250
     assert found_end(1e6 / RECALL, 3e-4, True) == 1.0 / RECALL

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from meshes.arrays import FloatArray
+from solver_adapters.bundled.law import relaxation
 from solver_adapters.bundled.law.gauss_points import Points, points_of_grains
 from solver_adapters.bundled.law.integration_error import _relaxed, stress_error
-from solver_adapters.bundled.law.relaxation import near_fall, rate_ratio
 from solver_adapters.crystal import bunge_matrix
 from solver_adapters.interface import Integration
 from solver_adapters.material import Material
+from tests.solver_adapters.bundled.from_python import FromPython
 from tests.solver_adapters.bundled.rest import state_at_rest
+
+kernels = FromPython(relaxation)
 
 R = bunge_matrix(281, 8, 47)[None]
 STRETCH = np.diag([-0.45, 1.0, -0.55])
@@ -68,14 +71,14 @@ def test_the_end_of_a_relaxation_is_the_first_guess_of_the_kernel(n: float, rati
     """Below n = 2 the larger fall of both tangents, above it the smaller."""
     v0, mean = np.full((1, 1), 5.0), np.full((1, 1), 5.0 * ratio)
     end = float(_relaxed(mean, v0, np.full((1, 1), n))[0, 0])
-    assert end == pytest.approx(5.0 * np.exp(-near_fall(n * np.log(ratio), n)), rel=1e-12)
+    assert end == pytest.approx(5.0 * np.exp(-kernels.near_fall(n * np.log(ratio), n)), rel=1e-12)
 
 
 @pytest.mark.parametrize("fall", [0.05, 0.5, 2.0])
 @pytest.mark.parametrize("n", [1.5, 1.8, 3.0, 10.0])
 def test_the_end_of_a_relaxation_is_near_that_of_the_exact_mean_rate(n: float, fall: float) -> None:
     """Both tangents lie on one side of ln ρ, another below n = 2 than above."""
-    rate = rate_ratio(fall, np.exp(-fall), np.exp(-(n - 1) * fall), n)
+    rate = kernels.rate_ratio(fall, np.exp(-fall), np.exp(-(n - 1) * fall), n)
     one = np.ones((1, 1))
     end = float(_relaxed(rate ** (1 / n) * one, one, n * one)[0, 0])
     exact = np.exp(-fall)

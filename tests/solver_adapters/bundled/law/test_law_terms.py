@@ -20,6 +20,7 @@ from solver_adapters.bundled.law.law import (
     system_modes,
 )
 from solver_adapters.crystal import BCC
+from tests.solver_adapters.bundled.from_python import FromPython
 from tests.solver_adapters.bundled.slip_workspace import (
     ACCUMULATED,
     COUPLED,
@@ -40,13 +41,15 @@ from tests.solver_adapters.bundled.slip_workspace import (
     workspace,
 )
 
+kernels = FromPython(law_terms)
+
 MODES = system_modes(BCC)
 
 
 @COUPLED
 def test_hardening_and_its_slopes(coupled: bool) -> None:
     w, p = workspace(coupled), constants(coupled)
-    law_terms.harden(w, p, coupled)
+    kernels.harden(w, p, coupled)
     total = ACCUMULATED + SLIP
     np.testing.assert_allclose(row(w, rows.RISE), hardening(p, total, coupled), rtol=1e-13)
     slopes = moduli(p, coupled) * p[P_B] * np.exp(-p[P_B] * total)
@@ -65,7 +68,7 @@ def test_the_derivative_of_hardening_is_that_of_the_complex_step(name: str, coup
     index = {"Q": P_Q, "b": P_B, "latent": P_LATENT}[name]
     dp[index] = 0.7
     turned[index] += 1j * STEP * 0.7
-    law_terms.hardening_derivative(w, p, coupled, dp)
+    kernels.hardening_derivative(w, p, coupled, dp)
     expected = -hardening(turned, ACCUMULATED + SLIP, coupled).imag / STEP
     np.testing.assert_allclose(row(w, rows.EXPLICIT), expected, rtol=1e-12, atol=1e-12)
 
@@ -76,7 +79,7 @@ def test_the_first_hardening_of_a_law_without_any_is_felt_by_all_systems(index: 
     w, p, dp = workspace(), constants(), np.zeros(N_LOCAL)
     p[[P_Q, P_LATENT]], dp[index] = 0.0, 1.0
     row(w, rows.UNHARDENED)[:] = np.exp(-p[P_B] * (ACCUMULATED + SLIP))
-    law_terms.hardening_derivative(w, p, False, dp)
+    kernels.hardening_derivative(w, p, False, dp)
     p[index] = 1.0
     expected = -hardening(p, ACCUMULATED + SLIP, True)
     np.testing.assert_allclose(row(w, rows.EXPLICIT), expected, rtol=1e-13)
@@ -88,7 +91,7 @@ def test_the_second_back_stress_resists_moving_systems_and_shifts_those_at_rest(
 ) -> None:
     w, p = workspace(), constants()
     row(w, rows.RISE)[:] = 3.0
-    law_terms.second_back_stress(w, p, exponential)
+    kernels.second_back_stress(w, p, exponential)
     moves, end = SLIP > 0.0, second(p, SIGN * SECOND, exponential)
     np.testing.assert_allclose(row(w, rows.X2HAT), end, rtol=1e-12)
     expected = 3.0 + np.where(moves, p[P_C2] * end, 0.0)
@@ -111,7 +114,7 @@ def test_the_derivative_of_the_second_back_stress_is_that_of_the_complex_step(
     dp[index] = 0.7
     turned[index] += 1j * STEP * 0.7
     row(w, rows.LEFT2)[:] = second_left(p, exponential)
-    law_terms.second_back_stress_derivative(w, p, exponential, dp)
+    kernels.second_back_stress_derivative(w, p, exponential, dp)
     expected = -(turned[P_C2] * second(turned, SIGN * SECOND, exponential)).imag / STEP
     found = row(w, rows.EXPLICIT)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * abs(expected).max())
@@ -130,8 +133,8 @@ def test_non_schmid_stress_drives_110_as_its_tensors_do_and_leaves_112_alone() -
     row(w, rows.TAU)[:] = stress @ MODES.schmid[:5]
     row(w, rows.OTHER)[:] = stress @ MODES.conjugate[:5]
     tau, other = row(w, rows.TAU).copy(), row(w, rows.OTHER).copy()
-    law_terms.driving_modes(w, p, schmid, conjugate, driving, 5)
-    law_terms.non_schmid(w, p)
+    kernels.driving_modes(w, p, schmid, conjugate, driving, 5)
+    kernels.non_schmid(w, p)
     driven = SIGN * row(w, rows.TAU) - row(w, rows.RISE)
     np.testing.assert_allclose(SIGN * (stress @ w[driving:].reshape(5, NS)), driven, atol=1e-14)
     factor = np.where(np.arange(NS) < FIRST_112, 1.0 + 0.5 * p[P_A1], 1.0)
@@ -142,7 +145,7 @@ def test_non_schmid_stress_drives_110_as_its_tensors_do_and_leaves_112_alone() -
 def test_the_derivative_along_a1_is_linear_in_the_stresses() -> None:
     w, p, dp = workspace(), constants(), np.zeros(N_LOCAL)
     dp[P_A1] = 0.7
-    law_terms.non_schmid(w, p)
-    law_terms.non_schmid_derivative(w, p, dp)
+    kernels.non_schmid(w, p)
+    kernels.non_schmid_derivative(w, p, dp)
     expected = np.where(np.arange(NS) < FIRST_112, 0.7 * (0.5 * SIGN * TAU + OTHER), 0.0)
     np.testing.assert_allclose(row(w, rows.EXPLICIT), expected, atol=1e-13)

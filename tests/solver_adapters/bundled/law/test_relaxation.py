@@ -6,21 +6,17 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
-from solver_adapters.bundled.law.relaxation import (
-    decay_slope,
-    mean_decay,
-    near_fall,
-    rate_change,
-    rate_ratio,
-    rate_slope,
-)
+from solver_adapters.bundled.law import relaxation
+from tests.solver_adapters.bundled.from_python import FromPython
+
+kernels = FromPython(relaxation)
 
 FALLS = (1e-9, 1e-4, 0.05, 0.0999, 0.1001, 0.7, 3.0, 20.0)
 EXPONENTS = (1.5, 3.0, 10.0, 30.0)
 
 
 def ratio(r: float, n: float) -> float:
-    return float(rate_ratio(r, np.exp(-r), np.exp(-(n - 1) * r), n))
+    return float(kernels.rate_ratio(r, np.exp(-r), np.exp(-(n - 1) * r), n))
 
 
 @pytest.mark.parametrize("n", EXPONENTS)
@@ -47,15 +43,15 @@ def test_slopes_are_difference_quotients(r: float, n: float) -> None:
     h = 1e-5 * r
     e, e_a = np.exp(-r), np.exp(-(n - 1) * r)
     along = (np.log(ratio(r + h, n)) - np.log(ratio(r - h, n))) / (2 * h)
-    np.testing.assert_allclose(rate_slope(r, e, e_a, n), -along, rtol=1e-5)
+    np.testing.assert_allclose(kernels.rate_slope(r, e, e_a, n), -along, rtol=1e-5)
     k = 1e-5 * n
     across = (np.log(ratio(r, n + k)) - np.log(ratio(r, n - k))) / (2 * k)
-    np.testing.assert_allclose(rate_change(r, e_a, n), -across, rtol=1e-5, atol=1e-12)
+    np.testing.assert_allclose(kernels.rate_change(r, e_a, n), -across, rtol=1e-5, atol=1e-12)
 
 
 def test_series_and_closed_forms_meet() -> None:
     below, above = 0.1 * (1 - 1e-12), 0.1 * (1 + 1e-12)
-    for function in (mean_decay, decay_slope):
+    for function in (kernels.mean_decay, kernels.decay_slope):
         np.testing.assert_allclose(
             function(below, np.exp(-below)), function(above, np.exp(-above)), rtol=1e-11
         )
@@ -66,5 +62,5 @@ def test_series_and_closed_forms_meet() -> None:
 def test_the_first_guess_is_near_and_on_the_side_from_which_newton_is_monotone(
     r: float, n: float
 ) -> None:
-    guess = near_fall(np.log(ratio(r, n)), n)
+    guess = kernels.near_fall(np.log(ratio(r, n)), n)
     assert r * (1 - 1e-6) - 1e-12 <= guess <= 1.25 * r + 1e-9

@@ -8,6 +8,9 @@ import pytest
 from meshes.arrays import FloatArray
 from solver_adapters.bundled.law import simd_rows
 from solver_adapters.bundled.law.simd_rows import LANES
+from tests.solver_adapters.bundled.from_python import FromPython
+
+kernels = FromPython(simd_rows)
 
 RNG = np.random.default_rng(3)
 TARGET, SOURCE, ROWS = 2 * LANES, 20 * LANES, 40
@@ -36,11 +39,11 @@ def test_sums_over_rows_are_products_with_strided_coefficients(count: int, width
     b, w = block(), RNG.normal(size=400)
     before, coefficients = b.copy(), w[3 : 3 + 7 * count : 7]
     if count == 9:
-        simd_rows.sum9(b, TARGET, SOURCE, w, 3, 7, width)
+        kernels.sum9(b, TARGET, SOURCE, w, 3, 7, width)
         factor = 1.0
     else:
         factor = -0.4
-        {5: simd_rows.sum5, 8: simd_rows.sum8}[count](b, TARGET, SOURCE, w, 3, 7, factor, width)
+        {5: kernels.sum5, 8: kernels.sum8}[count](b, TARGET, SOURCE, w, 3, 7, factor, width)
     expected = rows(before, TARGET, 1, width)[0] + factor * (
         coefficients @ rows(before, SOURCE, count, width)
     )
@@ -54,12 +57,12 @@ def test_products_with_one_tensor_are_those_of_the_matrices(width: int, turned: 
     a = w[4:13].reshape(3, 3)
     b = block()
     before, many = b.copy(), rows(b, SOURCE, 9, width).reshape(3, 3, width).copy()
-    simd_rows.left(b, TARGET, w, 4, SOURCE, turned, width)
+    kernels.left(b, TARGET, w, 4, SOURCE, turned, width)
     expected = np.einsum("ik,jkm->ijm" if turned else "ik,kjm->ijm", a, many)
     found = only(b, before, 9, width).reshape(3, 3, width)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
     b = before.copy()
-    simd_rows.right(b, TARGET, SOURCE, w, 4, turned, width)
+    kernels.right(b, TARGET, SOURCE, w, 4, turned, width)
     expected = np.einsum("ikm,jk->ijm" if turned else "ikm,kj->ijm", many, a)
     found = only(b, before, 9, width).reshape(3, 3, width)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
@@ -69,16 +72,16 @@ def test_products_with_one_tensor_are_those_of_the_matrices(width: int, turned: 
 def test_rows_are_cleared_added_fetched_and_stored(width: int) -> None:
     b, first = block(), 3
     before = b.copy()
-    simd_rows.clear(b, TARGET, 4, width)
+    kernels.clear(b, TARGET, 4, width)
     assert not only(b, before, 4, width).any()
-    simd_rows.add(b, TARGET, SOURCE, -2.0, 4, width)
+    kernels.add(b, TARGET, SOURCE, -2.0, 4, width)
     np.testing.assert_array_equal(
         only(b, before, 4, width), -2.0 * rows(before, SOURCE, 4, width)
     )  # fmt: skip
     given = RNG.normal(size=(6, first + LANES + 1))
-    simd_rows.fetch(b, TARGET, 4, given, first, width)
+    kernels.fetch(b, TARGET, 4, given, first, width)
     np.testing.assert_array_equal(only(b, before, 4, width), given[:4, first : first + width])
     taken = given.copy()
-    simd_rows.store(b, SOURCE, 4, taken, first, width)
+    kernels.store(b, SOURCE, 4, taken, first, width)
     given[:4, first : first + width] = rows(before, SOURCE, 4, width)
     np.testing.assert_array_equal(taken, given)

@@ -35,6 +35,9 @@ from solver_adapters.crystal import BCC
 from solver_adapters.interaction import bcc24_classes
 from solver_adapters.material import Material
 from tests.solver_adapters.bundled import reference_law as reference
+from tests.solver_adapters.bundled.from_python import FromPython
+
+kernels = FromPython(slip)
 
 AnyArray = NDArray[Any]
 BASELINE = Material(Q=15.0, b=40.0, tau0_112=1.07)
@@ -68,8 +71,8 @@ class Point:
     def workspace(self, slips: FloatArray, solved: bool) -> FloatArray:
         """The workspace with slips S Δp to begin with."""
         w, s = np.zeros(rows.N_SLIP_ROWS), self.step
-        slip.prepare_slip(w, s.interaction, system_modes(BCC).sense)
-        slip.load_point(w, s.state, s.constants, 1.0, DT, s.exponential, slips, solved)
+        kernels.prepare_slip(w, s.interaction, system_modes(BCC).sense)
+        kernels.load_point(w, s.state, s.constants, 1.0, DT, s.exponential, slips, solved)
         return w
 
     def evaluate(self, w: FloatArray) -> float:
@@ -77,7 +80,7 @@ class Point:
         w[rows.TAU : rows.TAU + NS] = self.tau
         w[rows.OTHER : rows.OTHER + NS] = self.other
         s = self.step
-        error: float = slip.evaluate_systems(w, DT, s.constants, s.exponential, self.coupled)
+        error: float = kernels.evaluate_systems(w, DT, s.constants, s.exponential, self.coupled)
         return error
 
     def residuals(self, slips: AnyArray) -> AnyArray:
@@ -174,7 +177,7 @@ def test_newtons_method_at_fixed_stress_finds_the_root_of_each_system(exponentia
     w = point.workspace(np.zeros(NS), solved=False)
     iterations = 0
     while point.evaluate(w) > 1e-13:
-        slip.advance_slips(w, point.step.constants, exponential, False)
+        kernels.advance_slips(w, point.step.constants, exponential, False)
         iterations += 1
         assert iterations < 40
     found = w[rows.SIGNED : rows.SIGNED + NS]
@@ -199,7 +202,7 @@ def test_the_stored_state_is_that_of_the_law(law: str, exponential: bool) -> Non
     w = point.workspace(slips, solved=True)
     point.evaluate(w)
     state, stored = np.zeros(N_STATE), np.empty(NS)
-    slip.store_slips(w, state, stored)
+    kernels.store_slips(w, state, stored)
     np.testing.assert_array_equal(stored, slips)
     rows = (S_X, S_OVER, S_ACC, S_X2, N_STATE)
     # Back strains are of the size of 1e-3, overstresses of 10 MPa.
@@ -215,8 +218,8 @@ def test_the_stored_state_is_that_of_the_law(law: str, exponential: bool) -> Non
 def test_neither_an_error_nor_a_slip_beyond_measure_is_sound(bad: float) -> None:
     point = _point("baseline", True)
     w = point.workspace(np.full(NS, 1e-3), solved=True)
-    assert slip.is_sound(w, 0.0)
-    assert slip.is_sound(w, 24.0)
-    assert not slip.is_sound(w, bad)
+    assert kernels.is_sound(w, 0.0)
+    assert kernels.is_sound(w, 24.0)
+    assert not kernels.is_sound(w, bad)
     w[rows.SLIP + 7] = bad
-    assert not slip.is_sound(w, 0.0)
+    assert not kernels.is_sound(w, 0.0)

@@ -13,6 +13,7 @@ from solver_adapters.bundled.law import slip_derivatives
 from solver_adapters.bundled.law import workspace_layout as rows
 from solver_adapters.bundled.law.law import N_STATE, NS, P_B, P_C2, S_ACC, S_OVER, S_X, S_X2
 from solver_adapters.bundled.law.simd_rows import B_EXPLICIT, B_OVER, B_SLIP_END, B_STEP, LANES
+from tests.solver_adapters.bundled.from_python import FromPython
 from tests.solver_adapters.bundled.slip_workspace import (
     ACCUMULATED,
     COUPLED,
@@ -30,6 +31,8 @@ from tests.solver_adapters.bundled.slip_workspace import (
     workspace,
 )
 
+kernels = FromPython(slip_derivatives)
+
 FIRST, WIDTH = 2, 5
 """The directions that are looked at: some of those of the arrays, the others have to stay."""
 
@@ -37,7 +40,7 @@ FIRST, WIDTH = 2, 5
 def moving(w: FloatArray) -> tuple[IntArray, int]:
     systems = np.zeros(NS, dtype=np.int64)
     row(w, rows.WEIGHT)[:] = np.where(SLIP > 0.0, RNG.uniform(1e-6, 1e-3, NS), 0.0)
-    return systems, slip_derivatives.moving_systems(w, systems)
+    return systems, kernels.moving_systems(w, systems)
 
 
 def lanes(b: FloatArray, offset: int, count: int) -> FloatArray:
@@ -60,7 +63,7 @@ def test_history_acts_through_hardening_both_back_stresses_and_overstress(
     row(w, rows.UNHARDENED)[:] = np.exp(-p[P_B] * (ACCUMULATED + SLIP))
     row(w, rows.LEFT2)[:] = second_left(p, exponential)
     row(w, rows.HISTORY)[:], row(w, rows.OVER_GAIN)[:] = RNG.normal(size=(2, NS))
-    slip_derivatives.history_derivatives(w, b, p, coupled, systems, count, dstate, FIRST, WIDTH)
+    kernels.history_derivatives(w, b, p, coupled, systems, count, dstate, FIRST, WIDTH)
     s, chosen = systems[:count], dstate[:, FIRST : FIRST + WIDTH]
     over = row(w, rows.OVER_GAIN)[s, None] * chosen[S_OVER + s]
     expected = -row(w, rows.HISTORY)[s, None] * chosen[S_X + s] - over
@@ -82,7 +85,7 @@ def test_a_system_at_rest_loses_its_overstress_and_keeps_all_else(rows_kept: int
     before, gains = dstate.copy(), RNG.normal(size=(4, NS))
     for offset in (rows.LEFT, rows.LEFT2):
         row(w, offset)[:] = RNG.uniform(0.5, 1.0, NS)
-    slip_derivatives.advance_states(w, b, gains, systems, count, dstate, FIRST, WIDTH)
+    kernels.advance_states(w, b, gains, systems, count, dstate, FIRST, WIDTH)
     expected, chosen = before.copy(), slice(FIRST, FIRST + WIDTH)
     s, step = systems[:count], lanes(b, B_STEP, count)
     lost = np.flatnonzero((SLIP == 0.0) & (row(w, rows.OVER0) != 0.0))

@@ -3,7 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_adapters.bundled.law.small_lu import factor, solve
+from solver_adapters.bundled.law import small_lu
+from tests.solver_adapters.bundled.from_python import FromPython
+
+kernels = FromPython(small_lu)
 
 
 @pytest.mark.parametrize(("n", "width"), [(5, 1), (8, 9)])
@@ -12,8 +15,8 @@ def test_a_factored_matrix_solves_all_right_hand_sides_in_place(n: int, width: i
     matrix = np.eye(n) + 0.1 * rng.normal(size=(n, n))
     rhs = rng.normal(size=(n, width))
     workspace = np.concatenate([np.full(3, np.nan), matrix.ravel(), rhs.ravel()])
-    factor(workspace, 3, n)
-    solve(workspace, 3, n, 3 + n * n, width)
+    kernels.factor(workspace, 3, n)
+    kernels.solve(workspace, 3, n, 3 + n * n, width)
     found = workspace[3 + n * n :].reshape(n, width)
     np.testing.assert_allclose(found, np.linalg.solve(matrix, rhs), atol=1e-13)
     assert np.isnan(workspace[:3]).all()

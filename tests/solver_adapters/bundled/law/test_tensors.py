@@ -10,6 +10,9 @@ from solver_adapters.bundled.law import tensors
 from solver_adapters.bundled.law.law import SLIP_MODES, local_parameters
 from solver_adapters.material import Material
 from tests.solver_adapters.bundled.elasticity import stiffness
+from tests.solver_adapters.bundled.from_python import FromPython
+
+kernels = FromPython(tensors)
 
 WIDTHS = (1, 8, 9)
 A, B, RESULT = 4, 100, 200
@@ -49,9 +52,9 @@ def test_products_from_either_side_are_those_of_the_matrices(
     one = a[0].T if turn_a else a[0]
     many = b.transpose(0, 2, 1) if turn_b else b
     w = _workspace(a, b)
-    tensors.left(w, RESULT, A, turn_a, B, turn_b, width)
+    kernels.left(w, RESULT, A, turn_a, B, turn_b, width)
     np.testing.assert_allclose(_result(w, (3, 3), width), one @ many, atol=1e-14)
-    tensors.right(w, RESULT, B, turn_b, A, turn_a, width)
+    kernels.right(w, RESULT, B, turn_b, A, turn_a, width)
     np.testing.assert_allclose(_result(w, (3, 3), width), many @ one, atol=1e-14)
 
 
@@ -59,7 +62,7 @@ def test_products_from_either_side_are_those_of_the_matrices(
 def test_a_multiple_is_added_in_place(width: int) -> None:
     a, b = _random(width, 3, 3), _random(width, 3, 3) + 1.0
     w = _workspace(a, b)
-    tensors.add(w, A, B, -0.7, width)
+    kernels.add(w, A, B, -0.7, width)
     np.testing.assert_allclose(w[A : A + a.size], _stored(a - 0.7 * b), atol=1e-14)
     np.testing.assert_array_equal(w[B : B + b.size], _stored(b))
 
@@ -69,10 +72,10 @@ def test_modes_are_components_along_the_orthonormal_tensors_of_the_law(width: in
     """The trace is lost on the way there, nothing on the way back."""
     a, b = _random(width, 3, 3), _random(width, 8)
     w = _workspace(a, b)
-    tensors.to_modes(w, RESULT, A, width)
+    kernels.to_modes(w, RESULT, A, width)
     expected = np.einsum("kij,mij->mk", SLIP_MODES, a)
     np.testing.assert_allclose(_result(w, (8,), width), expected, atol=1e-14)
-    tensors.to_tensors(w, RESULT, B, width)
+    kernels.to_tensors(w, RESULT, B, width)
     expected = np.einsum("kij,mk->mij", SLIP_MODES, b)
     np.testing.assert_allclose(_result(w, (3, 3), width), expected, atol=1e-14)
 
@@ -82,7 +85,7 @@ def test_cubic_stresses_are_those_of_the_tensor_of_fourth_order(width: int) -> N
     material = Material()
     strain = _random(width, 3, 3)
     w = _workspace(strain, strain)
-    tensors.cubic(w, RESULT, A, local_parameters(material, 1)[0], width)
+    kernels.cubic(w, RESULT, A, local_parameters(material, 1)[0], width)
     expected = np.einsum("ijkl,mkl->mij", stiffness(material, np.eye(3)), strain)
     found = _result(w, (3, 3), width)
     np.testing.assert_allclose(found, expected, atol=1e-14 * abs(expected).max())
@@ -92,7 +95,7 @@ def test_cubic_stresses_are_those_of_the_tensor_of_fourth_order(width: int) -> N
 def test_a_matrix_over_the_modes_acts_on_each_direction(width: int) -> None:
     matrix, modes = _random(8, 8), _random(width, 8)
     w = _workspace(matrix.T, modes)
-    tensors.over_modes(w, RESULT, A, B, width)
+    kernels.over_modes(w, RESULT, A, B, width)
     np.testing.assert_allclose(_result(w, (8,), width), modes @ matrix.T, atol=1e-13)
 
 
@@ -101,7 +104,7 @@ def test_determinant_and_cofactors_are_those_of_linear_algebra() -> None:
     a = _random(1, 3, 3)
     w = _workspace(a, a)
     determinant = np.linalg.det(a[0])
-    np.testing.assert_allclose(tensors.determinant_of(w, A), determinant, rtol=1e-13)
-    tensors.cofactor(w, RESULT, A)
+    np.testing.assert_allclose(kernels.determinant_of(w, A), determinant, rtol=1e-13)
+    kernels.cofactor(w, RESULT, A)
     expected = determinant * np.linalg.inv(a[0]).T
     np.testing.assert_allclose(w[RESULT : RESULT + 9].reshape(3, 3), expected, rtol=1e-13)
