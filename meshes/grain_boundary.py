@@ -18,6 +18,11 @@ THINNEST = 0.01
 """Thickness of one of several grains over the width, below which its cells would be flat."""
 
 
+def is_direction(normal: Vector) -> bool:
+    """Whether a vector has a direction: it is finite and not zero."""
+    return all(map(isfinite, normal)) and _TINY < hypot(*normal) < _HUGE
+
+
 @dataclass(frozen=True)
 class GrainBoundary:
     """A plane between two grains.
@@ -35,8 +40,7 @@ class GrainBoundary:
 
     def __post_init__(self) -> None:
         """Refuse what is no plane."""
-        numbers = (*self.point, *self.normal)
-        if not all(map(isfinite, numbers)) or not _TINY < hypot(*self.normal) < _HUGE:
+        if not all(map(isfinite, self.point)) or not is_direction(self.normal):
             raise ValueError(
                 f"grain boundary through {self.point} with normal {self.normal}: finite numbers "
                 "and a non-zero normal are expected"
@@ -74,7 +78,8 @@ class GrainBoundary:
         distance = self.distance(at_section)
         per_y = float(self.distance(at_section[0] + np.array([0, 1.0, 0])) - distance[0])
         if per_y != 0:
-            height: FloatArray = -distance / per_y
+            with np.errstate(over="ignore"):  # of a plane all but along the specimen
+                height: FloatArray = -distance / per_y
             if 0 < height.min() and height.max() < length:
                 return height
         raise ValueError(

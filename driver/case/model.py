@@ -32,7 +32,7 @@ AnyTable = TypeVar("AnyTable", bound=Table)
 
 
 # Parameters that a single grain does not have, by the beginning of their names.
-_OF_GRAINS = (
+_OF_TWO_GRAINS = (
     "boundary_",
     "rotation_grain2",
     "rotation_frame",
@@ -143,7 +143,7 @@ class Case(Table):
             name
             for name in declared
             if name not in taken
-            and (n_grains > 1 or not name.startswith(_OF_GRAINS))
+            and (n_grains > 1 or not name.startswith(_OF_TWO_GRAINS))
             and (self.material.slip_systems == "bcc" or name not in OF_BCC)
         ]
         for name, value in self.extensions.items():

@@ -10,7 +10,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from driver.case.mesh_sizes import LARGEST_RATIO, sizes_at
 from driver.case.messages import refusal
 from driver.case.values import Positive, Table, Vector
-from meshes.grain_boundary import GrainBoundary, fault_of
+from meshes.grain_boundary import GrainBoundary, fault_of, is_direction
 from meshes.prism import CellKind
 from meshes.section import Section
 
@@ -183,18 +183,20 @@ class Specimen(Table):
         if (self.boundary_point_um is None) != (self.boundary_normal is None):
             absent = "boundary_point_um" if self.boundary_point_um is None else "boundary_normal"
             raise refusal("a list of three numbers, as the other half of the boundary", absent)
-        if self.boundary_normal is not None and not any(self.boundary_normal):
-            raise refusal("a normal other than zero", "boundary_normal")
         self._refuse_boundaries()
         return self
 
     def _refuse_boundaries(self) -> None:
-        """Refuse tables of boundaries that do not part a row of grains."""
+        """Refuse boundaries that do not part a row of grains."""
         if self.boundaries and self.boundary_point_um is not None:
             raise refusal("one of boundaries and boundary_point_um", "boundaries", "both")
-        for number, plane in enumerate(self.boundaries, start=1):
-            if not any(plane.normal):
-                raise refusal("a normal other than zero", f"boundaries.{number}.normal")
+        normals = {"boundary_normal": self.boundary_normal} | {
+            f"boundaries.{number}.normal": plane.normal
+            for number, plane in enumerate(self.boundaries, start=1)
+        }
+        for key, normal in normals.items():
+            if normal is not None and not is_direction(normal):
+                raise refusal("a normal other than zero", key)
         fault = fault_of(self.planes, self.section, self.length)
         if fault is not None:
             raise refusal(fault.expected, f"boundaries.{fault.number}", fault.found)

@@ -18,13 +18,14 @@ from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.user_causes import user_causes
 from driver.diagnosis.statistics.screening import screened
 from driver.experiment.history import History, knot_weights
-from driver.forward.build import mesh_of, parameters_of
+from driver.forward.build import mesh_of
 from driver.forward.prediction import Prediction
 from driver.identification.correction import Correction, correction
 from driver.identification.identify import with_correction
 from driver.identification.objective import Objective
 from driver.identification.problem import IdentificationProblem, MeasuredSeries, build_problem
 from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
+from driver.parameters.registry import declared_parameters
 from driver.results.design import Knowledge, Outlook
 from driver.virtual.truth import knots, refuse_unknown
 from meshes.arrays import FloatArray
@@ -244,7 +245,9 @@ def _course(plan: Plan) -> tuple[History, dict[str, float]]:
     """History of the test, and the knots of its motion [µm]."""
     case, test, settings = plan.variant.case, plan.variant.test, plan.settings
     known = knots(plan.history, settings.program, case.specimen.length)
-    declared = parameters_of(case, plan.history.n_knots)
+    declared = declared_parameters(
+        plan.history.n_knots, case.material.to_material(), n_grains=len(case.grains)
+    )
     refuse_unknown(settings.truth, declared)
     known |= {name: value for name, value in settings.truth.items() if name in known}
     if test.compression:

@@ -17,7 +17,7 @@ from driver.report.style import GREY, SIGNED, new_figure, styled
 from meshes.arrays import FloatArray, IntArray
 from meshes.cells import EDGES, outer_faces
 
-GRAINS = ("#a8cfe6", "#f3c98b")
+GRAINS = ("#a8cfe6", "#f3c98b", "#b7d9a8", "#d8b4d8", "#e8aaa0", "#cfc79f")
 _BOUNDARY = "#d55e00"
 _ELEVATION, _AZIMUTH = 24.0, -28.0  # shows the measured face, the face at +X and S⁻
 _LIGHT = np.array([0.33, -0.25, 0.91])

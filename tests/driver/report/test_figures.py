@@ -69,7 +69,9 @@ def test_the_residual_of_the_load_is_measured_minus_model_with_the_noise_as_a_ba
 
 def face() -> maps.Face:
     rows, cols = np.meshgrid(np.arange(3, 23), np.arange(5, 65), indexing="ij")
-    return maps.Face(rows.ravel(), cols.ravel(), 0.1, (12.5, 4.5), np.array([[-1, 2.0], [1, 3.0]]))
+    return maps.Face(
+        rows.ravel(), cols.ravel(), 0.1, (12.5, 4.5), np.array([[[-1, 2.0], [1, 3.0]]])
+    )
 
 
 def test_residuals_over_strain_are_in_units_of_noise_and_a_curve_for_each_cycle() -> None:
