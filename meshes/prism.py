@@ -1,4 +1,4 @@
-"""The prism of one or two grains, triangular or a bar: its geometry and its conforming meshes.
+"""The prism of grains in a row, triangular or a bar: its geometry and its conforming meshes.
 
 Tetrahedra are made by gmsh, hexahedra by sweeping quadrilaterals of the section.
 """
@@ -6,7 +6,8 @@ Tetrahedra are made by gmsh, hexahedra by sweeping quadrilaterals of the section
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot, isfinite, prod, sqrt
+from itertools import pairwise
+from math import isfinite, prod, sqrt
 from types import ModuleType
 from typing import Any, Literal
 
@@ -15,14 +16,13 @@ import numpy as np
 from meshes.arrays import FloatArray, IntArray
 from meshes.cells import inverted_cells, outer_faces
 from meshes.gmsh_library import running_gmsh
+from meshes.grain_boundary import GrainBoundary, fault_of
 from meshes.hex20 import swept_quadrilateral, swept_triangle
 from meshes.prism_mesh import PrismMesh
 from meshes.section import Section
 from meshes.tet10 import node_groups
 
-Vector = tuple[float, float, float]
 SIDES = ("length", "width", "depth")
-_TINY, _HUGE = 1e-100, 1e100  # lengths of a normal whose square is a number
 CellKind = Literal["tet10", "hex20"]
 
 LAYER = 0.6
@@ -41,7 +41,7 @@ _GMSH_TO_VTK = np.array([0, 1, 2, 3, 4, 5, 6, 7, 9, 8])
 
 @dataclass(frozen=True)
 class PrismGeometry:
-    """A triangular prism or a bar along Y, cut into two grains by a plane.
+    """A triangular prism or a bar along Y, cut into grains by planes.
 
     The measured face is −width/2 ≤ X ≤ width/2, 0 ≤ Y ≤ length, Z = 0; the apex line, or the far
     side of a bar, lies at Z = −depth about X = 0; the end faces are S_MINUS at Y = 0 and S_PLUS at
@@ -51,22 +51,19 @@ class PrismGeometry:
         length: length along Y [µm].
         width: width of the measured face [µm].
         depth: distance of the apex line or far side from the measured face [µm].
-        boundary_point: a point of the grain boundary [µm], or None for a single grain.
-        boundary_normal: normal of the grain boundary, of any length, or None for a single
-            grain; it points out of the first grain (index 0).
+        boundaries: planes between neighbouring grains, in the order of the grains; each normal
+            points from one grain to the next. None of a single grain.
         bottom: width of the far side [µm], 0 of a triangular prism.
 
     Raises:
         ValueError: a dimension is not positive or more than MOST_SLENDER times another, the far
-            side is not 0 or more, the boundary is only half given, or its normal is zero or not a
-            finite one.
+            side is not 0 or more, or of several boundaries one has a fault.
     """
 
     length: float = 12.0
     width: float = 4.0
     depth: float = 2 * sqrt(3)
-    boundary_point: Vector | None = None
-    boundary_normal: Vector | None = None
+    boundaries: tuple[GrainBoundary, ...] = ()
     bottom: float = 0.0
 
     def __post_init__(self) -> None:
@@ -84,104 +81,87 @@ class PrismGeometry:
                 f"prism {most} is {getattr(self, most):g} µm and its {least} "
                 f"{getattr(self, least):g} µm; a ratio of at most {MOST_SLENDER:g} is expected"
             )
-        if (self.boundary_point is None) != (self.boundary_normal is None):
-            raise ValueError("the grain boundary needs both a point and a normal, or neither")
-        if self.boundary_point is not None and self.boundary_normal is not None:
-            numbers = (*self.boundary_point, *self.boundary_normal)
-            if not all(map(isfinite, numbers)) or not _TINY < hypot(*self.boundary_normal) < _HUGE:
-                raise ValueError(
-                    f"grain boundary through {self.boundary_point} with normal "
-                    f"{self.boundary_normal}: finite numbers and a non-zero normal are expected"
-                )
+        fault = fault_of(self.boundaries, self.section, self.length)
+        if fault is not None:
+            raise ValueError(
+                f"grain boundary {fault.number}: found {fault.found}, expected {fault.expected}"
+            )
 
     @property
     def section(self) -> Section:
         """The section."""
         return Section(self.width, self.depth, self.bottom)
 
-    def boundary_distance(self, points: FloatArray) -> FloatArray:
-        """Signed distance from the grain boundary [µm], negative in the first grain.
+    @property
+    def corners(self) -> FloatArray:
+        """Corners of the prism [µm], those at Y = 0 first, shape (6 or 8, 3)."""
+        return self.section.corners_between(0.0, self.length)
 
-        Args:
-            points: coordinates [µm], shape (..., 3).
+    @property
+    def n_grains(self) -> int:
+        """Number of grains."""
+        return len(self.boundaries) + 1
 
-        Returns:
-            distance, shape (...).
-
-        Raises:
-            ValueError: the prism is a single grain.
-        """
-        if self.boundary_point is None or self.boundary_normal is None:
-            raise ValueError("the prism is a single grain: it has no grain boundary")
-        normal = np.asarray(self.boundary_normal, dtype=float)
-        distance: FloatArray = (points - np.asarray(self.boundary_point)) @ (
-            normal / np.linalg.norm(normal)
-        )
-        return distance
+    @property
+    def along_y(self) -> bool:
+        """Whether the numbers of the grains grow along Y."""
+        return not self.boundaries or self.boundaries[0].normal[1] > 0
 
     @property
     def crossed_from_side_to_side(self) -> bool:
-        """Whether the grain boundary, if there is one, meets no end face."""
-        if self.boundary_point is None:
-            return True
+        """Whether no grain boundary, if there is one, meets an end face."""
         try:
-            self.boundary_height(_corners(self))
+            self.heights(self.corners)
         except ValueError:
             return False
         return True
 
-    def boundary_height(self, points: FloatArray) -> FloatArray:
-        """Y of the grain boundary [µm] at the X and Z of each point (n, 3), shape (n,).
+    def heights(self, points: FloatArray) -> list[FloatArray]:
+        """Y of each grain boundary [µm] at the X and Z of each point (n, 3), shapes (n,).
 
         Raises:
-            ValueError: the grain boundary meets an end face at one of them, or there is none.
+            ValueError: a grain boundary meets an end face at one of them.
         """
-        at_section = points * np.array([1.0, 0.0, 1.0])
-        distance = self.boundary_distance(at_section)
-        per_y = float(self.boundary_distance(at_section[0] + np.array([0, 1.0, 0])) - distance[0])
-        if per_y != 0:
-            height: FloatArray = -distance / per_y
-            if 0 < height.min() and height.max() < self.length:
-                return height
-        raise ValueError(
-            f"the grain boundary through {self.boundary_point} with normal "
-            f"{self.boundary_normal} meets an end face or a side along the whole prism: it is "
-            "expected to cross the prism from side to side"
-        )
+        return [boundary.height(points, self.length) for boundary in self.boundaries]
+
+    def grain_at(self, points: FloatArray) -> IntArray:
+        """Index of the grain that holds each point (n, 3), shape (n,)."""
+        grain = np.zeros(len(points), dtype=np.int64)
+        for boundary in self.boundaries:
+            grain += boundary.distance(points) > 0
+        return grain
 
 
 def generate(
     geometry: PrismGeometry,
     size: float,
     kind: CellKind = "tet10",
-    layers: tuple[int, int] | None = None,
+    layers: tuple[int, ...] | None = None,
 ) -> PrismMesh:
-    """Mesh the prism with straight-sided quadratic cells that conform to the grain boundary.
+    """Mesh the prism with straight-sided quadratic cells that conform to the grain boundaries.
 
     The same input always gives the same arrays.
 
     Args:
-        geometry: the prism and its grain boundary.
+        geometry: the prism and its grain boundaries.
         size: edge length of the cells, of hexahedra across the section [µm].
-        kind: tetrahedra, or hexahedra in layers along Y that lean with the grain boundary.
-        layers: numbers of layers of hexahedra in the first and in the second grain (0 where there
-            is none), of equal share; None for a thickness of LAYER × size along the centre line.
+        kind: tetrahedra, or hexahedra in layers along Y that lean with the grain boundaries.
+        layers: number of layers of hexahedra in each grain, of equal share; None for a thickness
+            of LAYER × size along the centre line.
 
     Returns:
         the mesh, every Jacobian positive.
 
     Raises:
-        ValueError: the size is not positive or makes more than MOST_CELLS, the boundary leaves one
-            grain empty, or it meets an
-            end face, which layers of hexahedra cannot follow; layers of tetrahedra, or none in a
-            grain.
+        ValueError: the size is not positive or makes more than MOST_CELLS, a boundary leaves a
+            grain empty, or it meets an end face, which layers of hexahedra cannot follow; layers
+            of tetrahedra, or none in a grain.
         RuntimeError: gmsh could not mesh the prism.
     """
     if not (isfinite(size) and size > 0):
         raise ValueError(f"element size is {size} µm; it must be positive")
     refuse_too_many(geometry, size, kind)
-    if geometry.boundary_point is not None:
-        _require_two_grains(geometry)
+    _refuse_empty_grains(geometry)
     if kind == "hex20":
         return _layers(geometry, size, layers)
     if layers is not None:
@@ -191,11 +171,7 @@ def generate(
         raise RuntimeError(
             f"gmsh made inverted cells with element size {size} µm; another size is needed"
         )
-    if geometry.boundary_point is None:
-        grain = np.zeros(len(cells), dtype=np.int64)
-    else:
-        centres = points[cells[:, :4]].mean(axis=1)
-        grain = (geometry.boundary_distance(centres) > 0).astype(np.int64)
+    grain = geometry.grain_at(points[cells[:, :4]].mean(axis=1))
     faces = _faces(geometry, points, cells)
     return PrismMesh(points, cells, grain, faces, node_groups(points, faces))
 
@@ -226,56 +202,49 @@ def refuse_too_many(geometry: PrismGeometry, size: float, kind: CellKind) -> Non
         )
 
 
-def _layers(geometry: PrismGeometry, size: float, layers: tuple[int, int] | None) -> PrismMesh:
+def _layers(geometry: PrismGeometry, size: float, layers: tuple[int, ...] | None) -> PrismMesh:
     """Hexahedra: the section in quadrilaterals, swept in layers of equal share of each grain."""
-    section, length = geometry.section, geometry.length
+    section, length, n_grains = geometry.section, geometry.length, geometry.n_grains
     corners, divisions = section.corners, section.divisions(size)
-    if geometry.boundary_point is None:
-        parts = [length]
-    else:
-        middle = np.array([[corners[:, 0].mean(), 0.0, corners[:, 1].mean()]])
-        geometry.boundary_height(_corners(geometry))
-        share = float(geometry.boundary_height(middle)[0])
-        parts = [share, length - share]
-    counts = [max(1, round(part / (LAYER * size))) for part in parts] if layers is None else layers
-    below, above = (*counts, 0)[:2]
-    if below < 1 or (above < 1 if len(parts) == 2 else above != 0):
-        expected = "2 grains; (1, 1) or more" if len(parts) == 2 else "one grain; (1 or more, 0)"
-        raise ValueError(f"layers are {layers} in a prism of {expected} are expected")
+    middle = np.array([[corners[:, 0].mean(), 0.0, corners[:, 1].mean()]])
+    geometry.heights(geometry.corners)
+    # From here to the grains of the mesh grains are counted along Y.
+    order = slice(None, None, 1 if geometry.along_y else -1)
+    ends = [0.0, *(float(h[0]) for h in geometry.heights(middle)[order]), length]
+    counts = [max(1, round((end - start) / (LAYER * size))) for start, end in pairwise(ends)]
+    if layers is not None:
+        counts = list(layers[order])
+        if len(counts) != n_grains or min(counts) < 1:
+            grains = f"{n_grains} grains" if n_grains > 1 else "one grain"
+            expected = f"({', '.join('1' * n_grains)}{',' * (n_grains == 1)}) or more"
+            raise ValueError(f"layers are {layers} in a prism of {grains}; {expected} are expected")
+    starts = np.cumsum([0, *counts])
     if section.bottom:
-        swept = swept_quadrilateral(*section.quadrilaterals(divisions), below + above)
+        swept = swept_quadrilateral(*section.quadrilaterals(divisions), int(starts[-1]))
     else:
-        swept = swept_triangle(divisions, below + above)
+        swept = swept_triangle(divisions, int(starts[-1]))
     shares, layer, cells, faces = swept
     points = np.zeros((len(shares), 3))
     points[:, [0, 2]] = shares @ corners
-    height = geometry.boundary_height(points) if above else np.full(len(points), length)
-    points[:, 1] = np.where(
-        layer <= below,
-        height * layer / below,
-        height + (length - height) * (layer - below) / max(1, above),
-    )
-    points[layer == below + above, 1] = length
-    grain = (layer[cells].mean(axis=1) > below).astype(np.int64)
+    whole = np.full(len(points), length)
+    heights = [np.zeros(len(points)), *geometry.heights(points)[order], whole]
+    for number, (lower, upper) in enumerate(pairwise(heights)):
+        inside = layer > starts[number] if number else layer >= 0
+        risen = (upper - lower) * (layer - starts[number]) / counts[number]
+        points[inside, 1] = (lower + risen)[inside]
+    points[layer == starts[-1], 1] = length
+    along = np.searchsorted(starts[1:-1], layer[cells].mean(axis=1)).astype(np.int64)
+    grain = along if geometry.along_y else n_grains - 1 - along
     return PrismMesh(points, cells, grain, faces, node_groups(points, faces))
 
 
-def _corners(geometry: PrismGeometry) -> FloatArray:
-    """Return the corners of the prism [µm], those at Y = 0 first, shape (6 or 8, 3)."""
-    x, z = geometry.section.corners.T
-    ends = [np.column_stack([x, np.full(x.size, y), z]) for y in (0.0, geometry.length)]
-    return np.concatenate(ends)
-
-
-def _require_two_grains(geometry: PrismGeometry) -> None:
-    distance = geometry.boundary_distance(_corners(geometry))
+def _refuse_empty_grains(geometry: PrismGeometry) -> None:
     tolerance = 1e-6 * geometry.length
-    if distance.min() > -tolerance or distance.max() < tolerance:
-        empty = 1 if distance.min() > -tolerance else 2
-        raise ValueError(
-            f"the grain boundary through {geometry.boundary_point} with normal "
-            f"{geometry.boundary_normal} does not cut the prism: grain {empty} is empty"
-        )
+    for number, boundary in enumerate(geometry.boundaries, start=1):
+        distance = boundary.distance(geometry.corners)
+        if distance.min() > -tolerance or distance.max() < tolerance:
+            empty = number if distance.min() > -tolerance else number + 1
+            raise ValueError(f"{boundary} does not cut the prism: grain {empty} is empty")
 
 
 def _tet10_by_gmsh(geometry: PrismGeometry, size: float) -> tuple[FloatArray, IntArray]:
@@ -303,13 +272,13 @@ def _tet10_by_gmsh(geometry: PrismGeometry, size: float) -> tuple[FloatArray, In
 
 def _build(gmsh: ModuleType, geometry: PrismGeometry) -> None:
     occ = gmsh.model.occ
-    corners = _corners(geometry)
+    corners = geometry.corners
     section = _polygon(occ, corners[: len(corners) // 2])
     extruded = occ.extrude([(2, section)], 0, geometry.length, 0)
     prism = [entity for entity in extruded if entity[0] == 3]
-    if geometry.boundary_point is not None:
-        cut = _polygon(occ, _boundary_square(geometry))
-        occ.fragment(prism, [(2, cut)])
+    squares = [_boundary_square(geometry, boundary) for boundary in geometry.boundaries]
+    if squares:
+        occ.fragment(prism, [(2, _polygon(occ, square)) for square in squares])
     occ.synchronize()
     # What sticks out of the prism is no part of the mesh.
     inside = gmsh.model.getBoundary(gmsh.model.getEntities(3), combined=False, oriented=False)
@@ -325,13 +294,12 @@ def _polygon(occ: Any, corners: FloatArray) -> int:
     return surface
 
 
-def _boundary_square(geometry: PrismGeometry) -> FloatArray:
-    """Corners of a square in the boundary plane that covers the whole prism, shape (4, 3)."""
-    corners = _corners(geometry)
+def _boundary_square(geometry: PrismGeometry, boundary: GrainBoundary) -> FloatArray:
+    """Corners of a square in a boundary plane that covers the whole prism, shape (4, 3)."""
+    corners = geometry.corners
     centre = corners.mean(axis=0)
-    normal = np.asarray(geometry.boundary_normal, dtype=float)
-    normal = normal / np.linalg.norm(normal)
-    origin = centre - geometry.boundary_distance(centre) * normal
+    normal = boundary.unit_normal
+    origin = centre - boundary.distance(centre) * normal
     first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     first /= np.linalg.norm(first)
     second = np.cross(normal, first)

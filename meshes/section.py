@@ -39,6 +39,11 @@ class Section:
         below = [[far, -self.depth], [-far, -self.depth]] if far else [[0.0, -self.depth]]
         return np.array(face + below)
 
+    def corners_between(self, *heights: float) -> FloatArray:
+        """Return the corners of the section at each Y [µm], shape (n · (3 or 4), 3)."""
+        x, z = self.corners.T
+        return np.concatenate([np.column_stack([x, np.full(x.size, y), z]) for y in heights])
+
     @property
     def area(self) -> float:
         """Area [µm²]."""

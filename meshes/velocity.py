@@ -22,65 +22,72 @@ class InvertedCellsError(ValueError):
     """A change of the geometry that turns cells inside out."""
 
 
-def boundary_shift(mesh: PrismMesh, geometry: PrismGeometry) -> FloatArray:
-    """Velocity that moves the grain boundary along +Y, fading linearly to zero at both ends.
+def boundary_shift(mesh: PrismMesh, geometry: PrismGeometry, number: int = 1) -> FloatArray:
+    """Velocity that moves a grain boundary along +Y, fading linearly to zero.
+
+    It is zero at the neighbouring boundaries, or at the ends of the prism.
 
     Args:
         mesh: the prism, generated from this geometry or moved to it.
-        geometry: the prism and its grain boundary as they stand.
+        geometry: the prism and its grain boundaries as they stand.
+        number: of the boundary, from 1.
 
     Returns:
         velocity [µm per µm], shape (n_nodes, 3), one on the boundary.
 
     Raises:
-        ValueError: the grain boundary meets an end face, or there is none.
+        ValueError: a grain boundary meets an end face, or there is none of this number.
     """
-    return _boundary_motion(mesh, geometry, np.ones(len(mesh.points)))
+    return _boundary_motion(mesh, geometry, number, np.ones(len(mesh.points)))
 
 
-def boundary_tilt(mesh: PrismMesh, geometry: PrismGeometry, axis: Literal["x", "z"]) -> FloatArray:
-    """Velocity that tilts the grain boundary about a point of the section's centre line.
+def boundary_tilt(
+    mesh: PrismMesh, geometry: PrismGeometry, axis: Literal["x", "z"], number: int = 1
+) -> FloatArray:
+    """Velocity that tilts a grain boundary about a point of the section's centre line.
 
     The boundary moves along Y by X (axis "x") or by Z above that line (axis "z") per unit of slope:
     it changes −n_x/n_y or −n_z/n_y of the normal n by one.
 
     Args:
         mesh: the prism, generated from this geometry or moved to it.
-        geometry: the prism and its grain boundary as they stand.
+        geometry: the prism and its grain boundaries as they stand.
         axis: the direction along which the boundary gains a slope.
+        number: of the boundary, from 1.
 
     Returns:
         velocity [µm per unit slope], shape (n_nodes, 3).
 
     Raises:
-        ValueError: the grain boundary meets an end face, or there is none.
+        ValueError: a grain boundary meets an end face, or there is none of this number.
     """
     x, _, z = mesh.points.T
-    return _boundary_motion(
-        mesh, geometry, x if axis == "x" else z + geometry.section.centroid_depth
-    )
+    profile = x if axis == "x" else z + geometry.section.centroid_depth
+    return _boundary_motion(mesh, geometry, number, profile)
 
 
-def boundary_bow(mesh: PrismMesh, geometry: PrismGeometry) -> FloatArray:
-    """Velocity that bows the grain boundary along +Y, by 1 − (2X/width)² per unit of bow.
+def boundary_bow(mesh: PrismMesh, geometry: PrismGeometry, number: int = 1) -> FloatArray:
+    """Velocity that bows a grain boundary along +Y, by 1 − (2X/width)² per unit of bow.
 
     Args:
         mesh: the prism, generated from this geometry or moved to it.
-        geometry: the prism and its plane grain boundary.
+        geometry: the prism and its plane grain boundaries.
+        number: of the boundary, from 1.
 
     Returns:
         velocity [µm per µm], shape (n_nodes, 3), one at X = 0 on the boundary.
 
     Raises:
-        ValueError: the grain boundary meets an end face, or there is none.
+        ValueError: a grain boundary meets an end face, or there is none of this number.
     """
-    return _boundary_motion(mesh, geometry, 1 - (2 * mesh.points[:, 0] / geometry.width) ** 2)
+    profile = 1 - (2 * mesh.points[:, 0] / geometry.width) ** 2
+    return _boundary_motion(mesh, geometry, number, profile)
 
 
 def depth_scale(mesh: PrismMesh, geometry: PrismGeometry) -> FloatArray:
     """Velocity of a relative change of depth, Z → Z (1 + δ).
 
-    A grain boundary is stretched along with the rest of the section.
+    Grain boundaries are stretched along with the rest of the section.
 
     Args:
         mesh: the prism.
@@ -132,13 +139,23 @@ def moved(mesh: PrismMesh, displacement: FloatArray) -> PrismMesh:
     return replace(mesh, points=points)
 
 
-def _boundary_motion(mesh: PrismMesh, geometry: PrismGeometry, profile: FloatArray) -> FloatArray:
-    """Motion along Y by `profile` (n_nodes,) on the boundary, linear in Y to zero at the ends."""
-    y = mesh.points[:, 1]
-    height = geometry.boundary_height(mesh.points)
-    fade = np.where(y <= height, y / height, (geometry.length - y) / (geometry.length - height))
+def _boundary_motion(
+    mesh: PrismMesh, geometry: PrismGeometry, number: int, profile: FloatArray
+) -> FloatArray:
+    """Motion along Y by `profile` (n_nodes,) on a boundary, linear to zero at the next ones."""
+    if not 1 <= number <= len(geometry.boundaries):
+        raise ValueError(
+            f"there is no grain boundary {number}: the prism has {len(geometry.boundaries)} of them"
+        )
+    y, heights = mesh.points[:, 1], geometry.heights(mesh.points)
+    ends = [np.zeros(1), *heights, np.full(1, geometry.length)]
+    if not geometry.along_y:
+        ends = [ends[0], *heights[::-1], ends[-1]]
+        number = len(heights) + 1 - number
+    lower, height, upper = ends[number - 1 : number + 2]
+    fade = np.where(y <= height, (y - lower) / (height - lower), (upper - y) / (upper - height))
     velocity = np.zeros_like(mesh.points)
-    velocity[:, 1] = fade * profile
+    velocity[:, 1] = np.maximum(fade, 0.0) * profile
     edges = EDGES[mesh.cells.shape[1]]
     middle = mesh.cells[:, -len(edges) :]
     velocity[middle] = velocity[mesh.cells[:, edges]].mean(axis=2)

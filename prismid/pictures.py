@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from driver.forward.geometry import boundary_trace
+from driver.forward.geometry import boundary_traces
 from driver.report.all_figures import draw, draw_loads_alone
 from driver.report.findings import read_findings
 from driver.report.measured import measured_motion
@@ -49,7 +49,7 @@ def figures(case: CaseLike) -> dict[str, Figure]:
     if not stated.with_images:
         return {"report_loads": draw_loads_alone(stated, read_hdf5(folder / IDENTIFY))}
     measured = measured_motion(
-        read_hdf5(folder / MEASURE), stated.images.level_um, boundary_trace(stated)
+        read_hdf5(folder / MEASURE), stated.images.level_um, boundary_traces(stated)
     )
     drawn = {Path(name).stem: picture(measured) for name, picture in FIGURES.items()}
     if "advise" in done:

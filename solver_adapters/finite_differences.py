@@ -38,6 +38,8 @@ from solver_adapters.interface import (
     UnsupportedError,
 )
 from solver_adapters.jobs.errors import is_by_circumstances
+from solver_adapters.later_grains import as_honoured
+from solver_adapters.material import scalar, with_parameters
 from solver_adapters.quotient import MOST_STEPS, Pair, Slope, best_of, following_step, slope_through
 from solver_adapters.tasks import executor_elsewhere, is_one_of_several
 from solver_adapters.time_steps import once_more
@@ -232,7 +234,7 @@ class FiniteDifferences:
                     f"{self.name} cannot honour; expected None"
                 )
             for name in direction.material:
-                if name not in known:
+                if as_honoured(name) not in known:
                     raise UnsupportedError(
                         f"direction {direction.name!r} changes {name}, which the solver "
                         f"{self.name} cannot honour; expected one of {', '.join(sorted(known))}"
@@ -369,7 +371,7 @@ def _moves(direction: Direction) -> bool:
 def shifted(simulation: Simulation, direction: Direction, amount: float) -> Simulation:
     """Return simulation at a distance along a direction, without directions and fields of cells."""
     s, m = simulation, simulation.material
-    changes = {name: getattr(m, name) + amount * rate for name, rate in direction.material.items()}
+    changes = {name: scalar(m, name) + amount * rate for name, rate in direction.material.items()}
     mesh, orientations, motion, gradient = s.mesh, s.orientations, s.motion, s.lattice_gradient
     times, steps, warm_start = s.times, s.steps, s.warm_start
     if direction.rotation is not None:
@@ -390,7 +392,7 @@ def shifted(simulation: Simulation, direction: Direction, amount: float) -> Simu
     return replace(
         s,
         mesh=mesh,
-        material=replace(m, **changes),
+        material=with_parameters(m, changes),
         orientations=orientations,
         times=times,
         motion=motion,

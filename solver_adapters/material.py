@@ -8,6 +8,7 @@ from math import inf
 from typing import Any, Literal
 
 from solver_adapters.crystal import BCC, SystemTable
+from solver_adapters.later_grains import SECOND, later_grain, ratio_name, ratio_of
 from solver_adapters.parameter import (
     FINITE,
     GIGAPASCALS,
@@ -133,9 +134,25 @@ OF_SECOND_GRAIN = frozenset({"tau0_grain2", *TAU0_MODES[1]})
 """Scalars of the law that act on nothing in a single grain."""
 
 
+def scalar(material: Material, name: str) -> float:
+    """Return a scalar of the law by its name, or by that of the ratio of a later grain."""
+    grain = later_grain(name)
+    if grain is None:
+        return float(getattr(material, name))
+    stated = material.tau0_grains[grain - 3 : grain - 2]
+    return stated[0] if stated else 1.0
+
+
 def with_parameters(material: Material, values: Mapping[str, float]) -> Material:
     """Return the material with some of its constants replaced; other names are left alone."""
     changes: dict[str, Any] = {name: values[name] for name in MATERIAL_PARAMETERS if name in values}
+    later = [grain for grain in map(later_grain, values) if grain is not None]
+    if later:
+        names = map(ratio_name, range(3, max(*later, 2 + len(material.tau0_grains)) + 1))
+        ratios = [values.get(name, scalar(material, name)) for name in names]
+        while ratios and ratios[-1] == 1.0:  # what changes nothing changes no key of a job
+            ratios.pop()
+        changes["tau0_grains"] = tuple(ratios)
     return replace(material, **changes)
 
 
@@ -178,15 +195,23 @@ def least_C11(C12: float) -> float:
     return max(C12, -2.0 * C12)
 
 
-def declarations_at(material: Material) -> tuple[Parameter, ...]:
+def declarations_at(material: Material, n_grains: int = 2) -> tuple[Parameter, ...]:
     """Return the parameters that can be identified or tried, scaled at a case's constants.
 
     Bounds are those of a fit, and beside them stands what is admissible in a simulation. A back
     strain saturates at 1/d: the scale of x0 is a tenth of it, its bounds are three. The
     scale of c2 is that of a saturated stress c2/d2 of 10 MPa, and the second back stress is
     the slow one, d2 at most d/10 (or what the case says). The rates b and d2 may be 0 in a
-    simulation, but not where a diagnosis begins that frees them by their logarithm.
+    simulation, but not where a diagnosis begins that frees them by their logarithm. A specimen of
+    more than two grains has the ratios of the later ones behind that of the second.
     """
+    declared = _of_two_grains(material)
+    place = [parameter.name for parameter in declared].index(SECOND) + 1
+    later = (ratio_of(declared[place - 1], grain) for grain in range(3, n_grains + 1))
+    return (*declared[:place], *later, *declared[place:])
+
+
+def _of_two_grains(material: Material) -> tuple[Parameter, ...]:
     d = max(material.d, 1.0)
     saturated = 1.0 / material.d if material.d > 0 else inf
     back_strain = Range("less than 1/d in size", -saturated, saturated, open=True)

@@ -69,6 +69,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ),
     ("solver_adapters.constants", "solver_adapters.interaction", "solver_adapters.interface"),
     ("solver_adapters.material",),
+    ("solver_adapters.later_grains",),
     (
         "solver_adapters.crystal",
         "solver_adapters.kernels",

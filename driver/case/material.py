@@ -80,6 +80,7 @@ SlipSystems = Annotated[
     Crystal | tuple[tuple[Indices, Indices], ...], BeforeValidator(_named_or_listed)
 ]
 CRYSTALS: Mapping[str, SystemTable] = {"bcc": BCC, "fcc": FCC}
+Ratio = Annotated[float, Field(strict=True, ge=1e-6, le=1e12)]
 Interaction = Annotated[Matrix | Classes | None, BeforeValidator(_matrix_or_classes)]
 
 
@@ -151,6 +152,10 @@ class MaterialTable(Table):
     interaction: Interaction = Field(default=None, description=_INTERACTION)
     tau0_112: float = _constant("tau0_112", "ratio of tau0 on {112}<111> to {110}<111>")
     tau0_grain2: float = _constant("tau0_grain2", "ratio of tau0 in grain 2 to grain 1")
+    tau0_grains: tuple[Ratio, ...] = Field(
+        default=(),
+        description="ratios of tau0 in the third and later grains to grain 1; 1 for those left out",
+    )
     tau0_antitwinning: float = _constant(
         "tau0_antitwinning", "ratio of tau0 on {112}, antitwinning to twinning sense"
     )
@@ -207,7 +212,7 @@ class MaterialTable(Table):
             raise refusal(f"a number smaller in size than 1/d = {back_strain.upper:g}", "x0")
         return self
 
-    added: ClassVar[frozenset[str]] = frozenset({"slip_systems"})
+    added: ClassVar[frozenset[str]] = frozenset({"slip_systems", "tau0_grains"})
 
     def _refuse_what_other_crystals_lack(self) -> None:
         table = self._system_table()
@@ -234,7 +239,7 @@ class MaterialTable(Table):
         return Material(
             C11=self.C11_GPa * 1e3, C12=self.C12_GPa * 1e3, C44=self.C44_GPa * 1e3,
             slip_systems=self._system_table(), interaction=self._interaction_matrix(),
-            strain_measure=self.strain_measure,
+            strain_measure=self.strain_measure, tau0_grains=self.tau0_grains,
             **{
                 parameter.name: getattr(self, parameter.key.removeprefix("material."))
                 for parameter in MATERIAL_DECLARATIONS

@@ -33,7 +33,8 @@ def refusal(expected: str, key: str = "", found: str | None = None) -> PydanticC
 
     Args:
         expected: what would have been accepted.
-        key: dotted key below the validated one, where the validator looks at a whole table.
+        key: dotted key below the validated one, where the validator looks at a whole table; entries
+            of a list are counted from 1.
         found: what was found, where it is more than the value of the key.
     """
     return PydanticCustomError(
@@ -78,7 +79,8 @@ def _explain(
     context = details.get("ctx", {})
     path, field, owner = _follow(model, details["loc"])
     if context.get("key"):
-        below = str(context["key"]).split(".")
+        parts = str(context["key"]).split(".")
+        below = [int(part) - 1 if part.isdigit() else part for part in parts]
         path, field, owner = _follow(model, [*path, *below])
     value = _value(data, path)
     found = "nothing" if value is _NOTHING else show(value)

@@ -56,7 +56,7 @@ class Case(Table):
 
     specimen: Specimen = Specimen()
     grains: tuple[Grain, ...] = Field(
-        min_length=1, max_length=2, description="one or two tables [[grains]]"
+        min_length=1, description="one or more tables [[grains]], along Y or against it"
     )
     orientation: Orientation = Orientation()
     material: MaterialTable = MaterialTable()
@@ -89,14 +89,29 @@ class Case(Table):
 
     @model_validator(mode="after")
     def _boundary_parts_the_grains(self) -> Self:
-        given = self.specimen.boundary_point_um is not None
-        if given != (len(self.grains) == 2):
+        count, planes = len(self.grains), len(self.specimen.planes)
+        if count == planes + 1:
+            return self
+        if self.specimen.boundaries:
+            expected = f"{planes + 1}, for there are {planes} tables [[specimen.boundaries]]"
+        elif planes:
+            expected = "two tables [[grains]], for specimen.boundary_point_um is given"
+            if count > 2:
+                expected += f", or {count - 1} tables [[specimen.boundaries]] in its place"
+        elif count == 2:
+            expected = "one table [[grains]], or specimen.boundary_point_um and boundary_normal"
+        else:
+            expected = f"one table [[grains]], or {count - 1} tables [[specimen.boundaries]]"
+        raise refusal(expected, "grains", f"{count} of them")
+
+    @model_validator(mode="after")
+    def _ratios_of_grains(self) -> Self:
+        ratios, later = len(self.material.tau0_grains), max(len(self.grains) - 2, 0)
+        if ratios > later:
             raise refusal(
-                "two tables [[grains]], for specimen.boundary_point_um is given"
-                if given
-                else "one table [[grains]], or specimen.boundary_point_um and boundary_normal",
-                "grains",
-                f"{len(self.grains)} of them",
+                f"at most {later}, one for each grain after the second",
+                "material.tau0_grains",
+                f"{ratios} ratios",
             )
         return self
 
@@ -120,14 +135,15 @@ class Case(Table):
 
     @model_validator(mode="after")
     def _extensions_of_the_model(self) -> Self:
-        declared = declared_parameters(1, self.material.to_material())
+        n_grains = len(self.grains)
+        declared = declared_parameters(1, self.material.to_material(), n_grains=n_grains)
         always = (*LAMBDAS, *(parameter.name for parameter in POSE_DECLARATIONS))
         taken = {*always, *self.identification.parameters}
         known = [
             name
             for name in declared
             if name not in taken
-            and (len(self.grains) == 2 or not name.startswith(_OF_TWO_GRAINS))
+            and (n_grains > 1 or not name.startswith(_OF_TWO_GRAINS))
             and (self.material.slip_systems == "bcc" or name not in OF_BCC)
         ]
         for name, value in self.extensions.items():

@@ -10,6 +10,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from driver.case.mesh_sizes import LARGEST_RATIO, sizes_at
 from driver.case.messages import refusal
 from driver.case.values import Positive, Table, Vector
+from meshes.grain_boundary import GrainBoundary, fault_of, is_direction
 from meshes.prism import CellKind
 from meshes.section import Section
 
@@ -21,8 +22,18 @@ SIZES = ("mesh_size_um", "fine_mesh_size_um")
 """Keys of the sizes of the working and of the finer mesh."""
 
 
+class BoundaryPlane(Table):
+    """A table [[specimen.boundaries]]: the plane between a grain and the next one."""
+
+    point_um: Vector = Field(description="a list of three numbers [X, Y, Z], a point of the plane")
+    normal: Vector = Field(
+        description="a list of three numbers, the normal that points into the grain of the larger "
+        "number"
+    )
+
+
 class Specimen(Table):
-    """Geometry of the specimen and of its grain boundary [µm], and the sizes of the two meshes."""
+    """Geometry of the specimen and of its grain boundaries [µm], and sizes of the two meshes."""
 
     shape: Shape = Field(
         default="prism",
@@ -61,7 +72,13 @@ class Specimen(Table):
         description="a list of three numbers, the normal that points into the second grain",
     )
 
-    added: ClassVar[frozenset[str]] = frozenset({"shape", "bottom_width_um"})
+    boundaries: tuple[BoundaryPlane, ...] = Field(
+        default=(),
+        description="tables [[specimen.boundaries]] in the order of the grains, one fewer than "
+        "grains; in place of boundary_point_um and boundary_normal",
+    )
+
+    added: ClassVar[frozenset[str]] = frozenset({"shape", "bottom_width_um", "boundaries"})
 
     _refined: int | None = PrivateAttr(default=None)
 
@@ -139,6 +156,13 @@ class Specimen(Table):
         """Area of the section [µm²]."""
         return self.section.area
 
+    @property
+    def planes(self) -> tuple[GrainBoundary, ...]:
+        """Planes between neighbouring grains, in the order of the grains."""
+        if self.boundary_point_um is not None and self.boundary_normal is not None:
+            return (GrainBoundary(self.boundary_point_um, self.boundary_normal),)
+        return tuple(GrainBoundary(plane.point_um, plane.normal) for plane in self.boundaries)
+
     @model_validator(mode="before")
     @classmethod
     def _tetrahedra_of_stated_sizes(cls, data: Any) -> Any:
@@ -159,9 +183,23 @@ class Specimen(Table):
         if (self.boundary_point_um is None) != (self.boundary_normal is None):
             absent = "boundary_point_um" if self.boundary_point_um is None else "boundary_normal"
             raise refusal("a list of three numbers, as the other half of the boundary", absent)
-        if self.boundary_normal is not None and not any(self.boundary_normal):
-            raise refusal("a normal other than zero", "boundary_normal")
+        self._refuse_boundaries()
         return self
+
+    def _refuse_boundaries(self) -> None:
+        """Refuse boundaries that do not part a row of grains."""
+        if self.boundaries and self.boundary_point_um is not None:
+            raise refusal("one of boundaries and boundary_point_um", "boundaries", "both")
+        normals = {"boundary_normal": self.boundary_normal} | {
+            f"boundaries.{number}.normal": plane.normal
+            for number, plane in enumerate(self.boundaries, start=1)
+        }
+        for key, normal in normals.items():
+            if normal is not None and not is_direction(normal):
+                raise refusal("a normal other than zero", key)
+        fault = fault_of(self.planes, self.section, self.length)
+        if fault is not None:
+            raise refusal(fault.expected, f"boundaries.{fault.number}", fault.found)
 
     def _refuse_sizes(self) -> None:
         """Refuse two sizes of which the finer one tells nothing of the error of the other."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import combinations
+from itertools import pairwise
 from math import pi
 
 import numpy as np
@@ -175,8 +175,8 @@ def _of_map(
 
 
 def _alike(case: Case, found: Sequence[GrainOrientation]) -> Iterator[Finding]:
-    """Yield grains that are the same crystal."""
-    for (first, one), (second, other) in combinations(zip(case.grains, found, strict=True), 2):
+    """Yield neighbouring grains that are the same crystal."""
+    for (first, one), (second, other) in pairwise(zip(case.grains, found, strict=True)):
         angle = disorientation(other.rotation @ one.rotation.T, one.rotation)
         if angle < SAME:
             yield Finding(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +21,8 @@ from driver.common.atomic_write import write_whole
 from driver.experiment.history import History
 from driver.experiment.images.region import CodeArray, Excluded
 from driver.experiment.reading import Experiment, fitted_loads
-from driver.forward.geometry import boundary_trace
-from driver.report.style import literal
+from driver.forward.geometry import boundary_traces
+from driver.report.style import boundaries_label, literal
 from meshes.arrays import FloatArray
 
 _HEIGHT, _MAP_HEIGHT = 5.4, 4.6  # inches
@@ -108,31 +109,7 @@ def _draw_image(axes: Axes, case: Case, experiment: Experiment, codes: CodeArray
             path_effects=_RIM,
         )
     )
-    trace = boundary_trace(case)
-    if trace is not None:
-        axes.plot(
-            trace[:, 1],
-            trace[:, 0],
-            color=_BOUNDARY,
-            lw=2.2,
-            label="grain boundary",
-            path_effects=_RIM,
-        )
-        middle = float(trace[:, 1].mean())
-        names = [literal(grain.name) for grain in case.grains]
-        starts_at_origin = (case.specimen.boundary_normal or (0, 1, 0))[1] > 0
-        first, second = names if starts_at_origin else names[::-1]
-        for y, name in ((middle / 2, first), ((middle + specimen.length) / 2, second)):
-            axes.text(
-                y,
-                -0.38 * specimen.width,
-                name,
-                color=_BOUNDARY,
-                ha="center",
-                weight="bold",
-                fontsize=11,
-                path_effects=_RIM,
-            )
+    _draw_boundaries(axes, case)
     axes.plot(0, 0, "o", color=_AXES, ms=7, mec="black", label="X = 0, Y = 0")
     arm = 0.3 * specimen.width
     for name, tip in (("X", (0.0, arm)), ("Y", (arm, 0.0))):
@@ -150,6 +127,37 @@ def _draw_image(axes: Axes, case: Case, experiment: Experiment, codes: CodeArray
     )
     axes.legend(loc="lower right", fontsize=8, framealpha=0.85, facecolor="#555555",
                 labelcolor="white")  # fmt: skip
+
+
+def _draw_boundaries(axes: Axes, case: Case) -> None:
+    """Draw the traces of the grain boundaries, and the name of each grain between them."""
+    specimen, traces = case.specimen, boundary_traces(case)
+    for number, trace in enumerate(traces):
+        axes.plot(
+            trace[:, 1],
+            trace[:, 0],
+            color=_BOUNDARY,
+            lw=2.2,
+            label="" if number else boundaries_label(len(traces)),
+            path_effects=_RIM,
+        )
+    if len(traces) != len(case.grains) - 1 or not len(traces):
+        return
+    heights = [float(trace[:, 1].mean()) for trace in traces]
+    ends = [0.0, *sorted(heights), specimen.length]
+    names = [literal(grain.name) for grain in case.grains]
+    along_y = specimen.planes[0].normal[1] > 0
+    for (start, end), name in zip(pairwise(ends), names if along_y else names[::-1], strict=True):
+        axes.text(
+            (start + end) / 2,
+            -0.38 * specimen.width,
+            name,
+            color=_BOUNDARY,
+            ha="center",
+            weight="bold",
+            fontsize=11,
+            path_effects=_RIM,
+        )
 
 
 def _draw_stage(axes: Axes, experiment: Experiment) -> None:

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
 from driver.case.history import ForceColumn, StageColumn, TimeColumn
 from driver.case.model import Case
 from driver.check.check_result import Finding
@@ -18,6 +16,7 @@ from driver.experiment.history import History
 from driver.experiment.orientations import orientations_of
 from driver.experiment.reading import fitted_loads
 from meshes.arrays import FloatArray
+from solver_adapters.constants import grain_ratios
 
 # A tenth of the strain at which a metal yields, and a specimen that is half as long again.
 _STRAINS = (1e-4, 0.5)
@@ -56,7 +55,7 @@ def sizes_of(case: Case, history: History, force: FloatArray) -> Magnitudes:
     """
     ratio, material = case.boundary.stage_ratio, case.material.to_material()
     nominal = 1.0 / case.history.grip_distance
-    ratios = np.array([1.0, material.tau0_grain2])[: len(case.grains)]
+    ratios = grain_ratios(material, len(case.grains))
     return magnitudes(
         history,
         fitted_loads(case, force),

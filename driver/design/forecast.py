@@ -245,7 +245,9 @@ def _course(plan: Plan) -> tuple[History, dict[str, float]]:
     """History of the test, and the knots of its motion [µm]."""
     case, test, settings = plan.variant.case, plan.variant.test, plan.settings
     known = knots(plan.history, settings.program, case.specimen.length)
-    declared = declared_parameters(plan.history.n_knots, case.material.to_material())
+    declared = declared_parameters(
+        plan.history.n_knots, case.material.to_material(), n_grains=len(case.grains)
+    )
     refuse_unknown(settings.truth, declared)
     known |= {name: value for name, value in settings.truth.items() if name in known}
     if test.compression:

@@ -36,6 +36,7 @@ from meshes.surface import trace
 from solver_adapters.external import ExternalAdapter
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import Adapter, Capabilities, Integration
+from solver_adapters.later_grains import as_honoured
 from solver_adapters.material import MATERIAL_PARAMETERS
 from solver_adapters.parameter import Parameter
 from solver_adapters.registry import find_adapter
@@ -48,11 +49,9 @@ _SAME = 0.02  # element sizes between two nodes that are as good as the same
 
 
 def geometry_of(case: Case) -> PrismGeometry:
-    """Return the prism and its grain boundary."""
+    """Return the prism and its grain boundaries."""
     s = case.specimen
-    return PrismGeometry(
-        s.length, s.width, s.depth, s.boundary_point_um, s.boundary_normal, s.bottom
-    )
+    return PrismGeometry(s.length, s.width, s.depth, s.planes, s.bottom)
 
 
 def mesh_of(case: Case, size: float) -> PrismMesh:
@@ -191,7 +190,7 @@ def refuse_parameters(case: Case, solver: Capabilities) -> None:
             ("extensions", case.extensions),
         )
         for parameter in names
-        if parameter in unknown
+        if as_honoured(parameter) in unknown
     ]
     known = [f'"{NAMES[nodes]}"' for nodes in sorted(solver.cells)]
     if f'"{case.specimen.cell_kind}"' not in known:
@@ -370,7 +369,9 @@ def parameters_of(case: Case, n_knots: int) -> dict[str, Parameter]:
     Raises:
         OrientationError: an EBSD map cannot be used.
     """
-    return declared_parameters(n_knots, case.material.to_material(), rotation_scales(case))
+    return declared_parameters(
+        n_knots, case.material.to_material(), rotation_scales(case), len(case.grains)
+    )
 
 
 def build_finer_model(

@@ -1,4 +1,4 @@
-"""Trace of the grain boundary on the measured face."""
+"""Traces of the grain boundaries on the measured face."""
 
 from __future__ import annotations
 
@@ -8,14 +8,19 @@ from driver.case.model import Case
 from meshes.arrays import FloatArray
 
 
-def boundary_trace(case: Case) -> FloatArray | None:
-    """Return the ends (X, Y) of the trace of the grain boundary on the face [µm], shape (2, 2).
+def boundary_traces(case: Case) -> FloatArray:
+    """Return the ends (X, Y) of the trace of each grain boundary on the face [µm].
 
-    None where there is no boundary or it is parallel to the loading axis.
+    Those parallel to the loading axis have none.
+
+    Returns:
+        traces in the order of the grains, shape (n, 2, 2).
     """
-    point, normal = case.specimen.boundary_point_um, case.specimen.boundary_normal
-    if point is None or normal is None or normal[1] == 0:
-        return None
     x = case.specimen.width / 2 * np.array([-1.0, 1.0])
-    y = point[1] - (normal[0] * (x - point[0]) - normal[2] * point[2]) / normal[1]
-    return np.column_stack([x, y])
+    traces = []
+    for boundary in case.specimen.planes:
+        point, normal = boundary.point, boundary.normal
+        if normal[1] != 0:
+            y = point[1] - (normal[0] * (x - point[0]) - normal[2] * point[2]) / normal[1]
+            traces.append(np.column_stack([x, y]))
+    return np.reshape(traces, (len(traces), 2, 2))

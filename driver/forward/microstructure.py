@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from driver.parameters.microstructure import GRADIENTS, OF_BOUNDARY
+from driver.parameters.microstructure import boundary_names, gradient_name
 from meshes.arrays import FloatArray
 from meshes.prism import PrismGeometry
 from meshes.prism_mesh import PrismMesh
@@ -58,12 +58,11 @@ class Microstructure:
     def parameters(self) -> frozenset[str]:
         """Names of the parameters that can be moved in this specimen."""
         names = set(self.velocities)
-        for what in ("rotation_grain1", "rotation_grain2")[: len(self.orientations)]:
-            names |= {f"{what}_{axis}" for axis in "xyz"}
+        for grain in range(1, len(self.orientations) + 1):
+            names |= {f"rotation_grain{grain}_{axis}" for axis in "xyz"}
+            names |= {f"{gradient_name(grain)}_{axis}" for axis in "xyz"}
         if len(self.orientations) > 1:
             names |= {f"rotation_frame_{axis}" for axis in "xyz"}
-        for what in GRADIENTS[: len(self.orientations)]:
-            names |= {f"{what}_{axis}" for axis in "xyz"}
         return frozenset(names)
 
     def moved_mesh(self, values: Mapping[str, float]) -> PrismMesh:
@@ -96,15 +95,16 @@ class Microstructure:
     def lattice_gradient(self, values: Mapping[str, float]) -> FloatArray | None:
         """Rotation vector of the lattice per µm along Y [rad/µm], (n_grains, 3); None if null."""
         gradient = np.zeros((len(self.orientations), 3))
-        for grain, what in enumerate(GRADIENTS[: len(self.orientations)]):
-            gradient[grain] = _vector(values, what)
+        for grain in range(len(self.orientations)):
+            gradient[grain] = _vector(values, gradient_name(grain + 1))
         return gradient if gradient.any() else None
 
     def lattice_gradient_rate(self, name: str) -> FloatArray:
         """Its derivative with respect to one parameter, shape (n_grains, 3)."""
         what, axis = name.rsplit("_", 1)
+        names = [gradient_name(grain + 1) for grain in range(len(self.orientations))]
         rate = np.zeros((len(self.orientations), 3))
-        rate[GRADIENTS.index(what), "xyz".index(axis)] = 1.0
+        rate[names.index(what), "xyz".index(axis)] = 1.0
         return rate
 
     def rotation_rate(self, values: Mapping[str, float], name: str) -> FloatArray:
@@ -116,7 +116,7 @@ class Microstructure:
         if what == "rotation_frame":
             rates[:] = _left_jacobian(frame) @ unit
         else:
-            grain = int(what[-1]) - 1
+            grain = int(what.removeprefix("rotation_grain")) - 1
             own = _left_jacobian(_vector(values, what)) @ unit
             rates[grain] = rotation_vector_matrix(frame) @ own
         return rates
@@ -132,7 +132,7 @@ def build_microstructure(
 
     Args:
         mesh: the prism as drawn.
-        geometry: of the prism and of its grain boundary.
+        geometry: of the prism and of its grain boundaries.
         orientations: measured crystal → specimen rotations, shape (n_grains, 3, 3).
         scales: prior scales that these tell, by name of the parameter.
     """
@@ -140,12 +140,12 @@ def build_microstructure(
         "depth_scale": depth_scale(mesh, geometry),
         "apex_shift": apex_shift(mesh, geometry),
     }
-    if geometry.boundary_point is not None:
+    for number, names in enumerate(boundary_names(geometry.n_grains), start=1):
         fields = (
-            boundary_shift(mesh, geometry),
-            boundary_tilt(mesh, geometry, "x"),
-            boundary_tilt(mesh, geometry, "z"),
-            boundary_bow(mesh, geometry),
+            boundary_shift(mesh, geometry, number),
+            boundary_tilt(mesh, geometry, "x", number),
+            boundary_tilt(mesh, geometry, "z", number),
+            boundary_bow(mesh, geometry, number),
         )
-        velocities |= dict(zip(OF_BOUNDARY, fields, strict=True))
+        velocities |= dict(zip(names, fields, strict=True))
     return Microstructure(mesh, orientations, velocities, dict(scales or {}))

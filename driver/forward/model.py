@@ -29,11 +29,7 @@ from solver_adapters.interface import (
     Simulation,
     Trajectory,
 )
-from solver_adapters.material import (
-    MATERIAL_DECLARATIONS,
-    Material,
-    with_parameters,
-)
+from solver_adapters.material import Material, declarations_at, scalar, with_parameters
 from solver_adapters.parameter import Parameter, Place
 
 Values = Mapping[str, float]
@@ -94,12 +90,20 @@ class ForwardModel:
     def parameters(self) -> dict[str, Parameter]:
         """Every parameter by name, with its scale at the material and orientations of the case."""
         n_knots = self.boundary.weights.shape[1]
-        return declared_parameters(n_knots, self.material, self.microstructure.scales)
+        return declared_parameters(
+            n_knots, self.material, self.microstructure.scales, self.n_grains
+        )
+
+    @property
+    def n_grains(self) -> int:
+        """Number of grains."""
+        return len(self.microstructure.orientations)
 
     def null_values(self) -> dict[str, float]:
         """Every parameter at its null, material constants as in the case, knots at zero."""
         values = {name: parameter.null for name, parameter in self.parameters.items()}
-        return values | {p.name: getattr(self.material, p.name) for p in MATERIAL_DECLARATIONS}
+        law = declarations_at(self.material, max(self.n_grains, 2))
+        return values | {p.name: scalar(self.material, p.name) for p in law}
 
     def simulation(self, values: Values, free: Sequence[str] = ()) -> Simulation:
         """Return the hand-over to a solver, with a direction for each free parameter that it needs.

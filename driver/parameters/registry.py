@@ -10,9 +10,10 @@ from driver.parameters.covariance import COVARIANCE_PARAMETERS
 from driver.parameters.history import HOLD_DECLARATIONS
 from driver.parameters.instrument import IMAGE_DECLARATIONS, LOAD_DECLARATIONS, PATTERN_DECLARATIONS
 from driver.parameters.microstructure import (
-    GEOMETRY_DECLARATIONS,
-    LATTICE_DECLARATIONS,
-    ORIENTATION_DECLARATIONS,
+    geometry_declarations,
+    grains_that_bear,
+    lattice_declarations,
+    orientation_declarations,
 )
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.user_terms import declaration, installed_terms, refuse_doubles
@@ -23,7 +24,10 @@ _OF_THE_PAPER = Material()
 
 
 def declared_parameters(
-    n_knots: int, material: Material = _OF_THE_PAPER, scales: Mapping[str, float] | None = None
+    n_knots: int,
+    material: Material = _OF_THE_PAPER,
+    scales: Mapping[str, float] | None = None,
+    n_grains: int = 2,
 ) -> dict[str, Parameter]:
     """Every parameter of the general model by name, with its scale at a material.
 
@@ -31,15 +35,18 @@ def declared_parameters(
         n_knots: turning points of the history.
         material: constants of the law.
         scales: other prior scales, by name, that measured files tell.
+        n_grains: grains of the specimen; a single one has the parameters of two, some of which it
+            cannot move.
     """
+    n_grains = max(n_grains, 2)
     declared = (
-        *declarations_at(material),
+        *declarations_at(material, n_grains),
         *BOUNDARY_DECLARATIONS,
         *knot_declarations(n_knots),
         *HOLD_DECLARATIONS,
-        *GEOMETRY_DECLARATIONS,
-        *ORIENTATION_DECLARATIONS,
-        *LATTICE_DECLARATIONS,
+        *geometry_declarations(n_grains),
+        *orientation_declarations(n_grains),
+        *lattice_declarations(n_grains),
         *LOAD_DECLARATIONS,
         *IMAGE_DECLARATIONS,
         *PATTERN_DECLARATIONS,
@@ -57,7 +64,7 @@ def declaration_of(name: str) -> Parameter | None:
 
     None of a name that is declared no more: results may be older than the terms that are installed.
     """
-    declared = declared_parameters((knot_number(name) or 0) + 1)
+    declared = declared_parameters((knot_number(name) or 0) + 1, n_grains=grains_that_bear(name))
     return declared.get(name) or COVARIANCE_PARAMETERS.get(name)
 
 

@@ -14,7 +14,7 @@ from driver.dic.residual_noise import residual_variance
 from driver.experiment.history import History, knot_weights, read_history
 from driver.forward.boundary_motion import BoundaryMotion
 from driver.forward.build import parameters_of
-from driver.forward.geometry import boundary_trace
+from driver.forward.geometry import boundary_traces
 from driver.identification.slip_activity import SlipActivity
 from driver.identification.travel_ratio import TravelRatio
 from driver.report.identified import IdentifiedParameter, estimates
@@ -248,7 +248,7 @@ def read_findings(case: Case, results: Path, diagnosed: bool = True) -> Findings
         mesh=read_med(paths[MESH]),
         history=history,
         measured=measured,
-        motion=measured_motion(measured, case.images.level_um, boundary_trace(case)),
+        motion=measured_motion(measured, case.images.level_um, boundary_traces(case)),
         pictures={Path(name).stem: present(results, name).read_bytes() for name in FIGURES},
         predicted=_datasets(paths[DIAGNOSIS_H5], _FITTED)
         if diagnosed

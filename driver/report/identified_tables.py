@@ -24,6 +24,7 @@ from driver.parameters.registry import label_of, short_label_of
 from driver.report.identified import IdentifiedParameter
 from driver.report.labels import reading_unit
 from meshes.arrays import FloatArray
+from solver_adapters.later_grains import as_honoured
 from solver_adapters.material import MATERIAL_DECLARATIONS
 
 Row = dict[str, Any]
@@ -61,7 +62,7 @@ def core(names: Sequence[str]) -> list[str]:
     """Return parameters that are shown one by one: apex amplitudes, law, then others but knots."""
     alone = [name for name in names if not group_of(name)]
     order = {True: 0, False: 1}
-    return sorted(alone, key=lambda n: (order[n in LAMBDAS], order[n in _LAW]))
+    return sorted(alone, key=lambda n: (order[n in LAMBDAS], order[as_honoured(n) in _LAW]))
 
 
 def estimate_rows(found: Mapping[str, IdentifiedParameter]) -> tuple[Groups, Groups]:
@@ -69,7 +70,8 @@ def estimate_rows(found: Mapping[str, IdentifiedParameter]) -> tuple[Groups, Gro
     alone: dict[str, list[Row]] = {}
     many: dict[str, list[Row]] = {}
     for name in core(tuple(found)):
-        where = "Apex amplitudes" if name in LAMBDAS else "Law" if name in _LAW else "Others"
+        of_law = as_honoured(name) in _LAW
+        where = "Apex amplitudes" if name in LAMBDAS else "Law" if of_law else "Others"
         alone.setdefault(where, []).append(_estimate_row(name, found[name]))
     titles = {ELONGATION: "Elongation knots", TILT: "Tilt knots", ORIGIN: "Position in the images"}
     for name, estimate in found.items():

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 
 from driver.common.formatting import number, signed, with_unit
-from driver.diagnosis.causes.all_causes import EVERY
+from driver.diagnosis.causes.all_causes import cause_of
 from driver.parameters.registry import declaration_of
 from solver_adapters.parameter import Parameter
 
 
-@cache
-def _titles() -> dict[str, str]:
-    return {cause.name: cause.title for cause in EVERY}
-
-
 def cause_label(name: str) -> str:
     """Return a cause as it is written in text; one of the user's own by the words of its name."""
-    return _titles().get(name, name.replace("_", " "))
+    cause = cause_of(name)
+    return name.replace("_", " ") if cause is None else cause.title
 
 
 def reading_unit(name: str, unit: str) -> tuple[float, str]:

@@ -17,7 +17,7 @@ from driver.report.style import GREY, SIGNED, new_figure, styled
 from meshes.arrays import FloatArray, IntArray
 from meshes.cells import EDGES, outer_faces
 
-GRAINS = ("#a8cfe6", "#f3c98b")
+GRAINS = ("#a8cfe6", "#f3c98b", "#b7d9a8", "#d8b4d8", "#e8aaa0", "#cfc79f")
 _BOUNDARY = "#d55e00"
 _ELEVATION, _AZIMUTH = 24.0, -28.0  # shows the measured face, the face at +X and S⁻
 _LIGHT = np.array([0.33, -0.25, 0.91])
@@ -33,14 +33,14 @@ class Face:
         cols: column of each pixel, shape (n_pix,).
         pixel: side of a pixel [µm].
         origin: (row, column) of X = 0, Y = 0.
-        trace: ends (X, Y) of the grain boundary [µm], shape (2, 2), or None.
+        traces: ends (X, Y) of each grain boundary [µm], shape (n, 2, 2).
     """
 
     rows: IntArray
     cols: IntArray
     pixel: float
     origin: tuple[float, float]
-    trace: FloatArray | None
+    traces: FloatArray
 
     def grid(self, values: FloatArray) -> FloatArray:
         """Values at the pixels as an image of the region, NaN off it."""
@@ -63,15 +63,15 @@ class Face:
         extent = self.extent((float(self.rows.min()), float(self.cols.min())), image.shape)
         picture = axes.imshow(image, cmap=cmap, vmin=low, vmax=high, extent=extent,
                               interpolation="nearest")  # fmt: skip
-        self.draw_trace(axes)
+        self.draw_traces(axes)
         for spine in axes.spines.values():
             spine.set_visible(False)
         return picture
 
-    def draw_trace(self, axes: Axes) -> None:
-        """Draw the grain boundary, where there is one."""
-        if self.trace is not None:
-            axes.plot(self.trace[:, 1], self.trace[:, 0], color="black", lw=1.2, ls="--")
+    def draw_traces(self, axes: Axes) -> None:
+        """Draw the grain boundaries, where there are some."""
+        for trace in self.traces:
+            axes.plot(trace[:, 1], trace[:, 0], color="black", lw=1.2, ls="--")
 
 
 @styled

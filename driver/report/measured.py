@@ -183,14 +183,14 @@ class MeasuredMotion:
 
 
 def measured_motion(
-    datasets: Mapping[str, Any], level: float, trace: FloatArray | None
+    datasets: Mapping[str, Any], level: float, traces: FloatArray
 ) -> MeasuredMotion:
     """Return the motion from the datasets of `measure.h5`.
 
     Args:
         datasets: value of each of `DATASETS`; of `FIELDS` one image at a time is asked for.
         level: height of a grey level [µm].
-        trace: ends (X, Y) of the grain boundary [µm], shape (2, 2), or None.
+        traces: ends (X, Y) of each grain boundary [µm], shape (n, 2, 2).
     """
     m = datasets
     cycle = m["cycle"].astype(np.int64)
@@ -209,7 +209,7 @@ def measured_motion(
     return MeasuredMotion(
         face=Face(
             m["rows"].astype(np.int64), m["cols"].astype(np.int64), float(m["pixel"]),
-            (row, column), trace,
+            (row, column), traces,
         ),
         level=level,
         reference=m["reference"],

@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from driver.report.maps import Face
 from driver.report.measured import MeasuredMotion
-from driver.report.style import SIGNED, WIDTH, new_figure, styled
+from driver.report.style import SIGNED, WIDTH, boundaries_label, new_figure, styled
 from meshes.arrays import FloatArray, IntArray
 
 FIELD = "viridis"  # perceptually uniform, and told apart by the colour-blind
@@ -51,9 +51,9 @@ def reference(measured: MeasuredMotion) -> Figure:
     y = (np.arange(heights.shape[1]) - face.origin[1]) * face.pixel
     axes.contour(y, x, inside, levels=[0.5], colors=_ROI, linewidths=1.8)
     axes.plot([], [], color=_ROI, label="region of interest")
-    if face.trace is not None:
-        axes.plot(face.trace[:, 1], face.trace[:, 0], color=_BOUNDARY, lw=2.2, path_effects=_RIM,
-                  label="grain boundary")  # fmt: skip
+    for number, trace in enumerate(face.traces):
+        axes.plot(trace[:, 1], trace[:, 0], color=_BOUNDARY, lw=2.2, path_effects=_RIM,
+                  label="" if number else boundaries_label(len(face.traces)))  # fmt: skip
     _frame(axes, face, heights.shape)
     _scale_bar(axes)
     axes.set(xlabel="Y [µm] (loading axis)", ylabel="X [µm]")

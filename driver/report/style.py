@@ -92,6 +92,11 @@ def literal(text: str) -> str:
     return printable(text).replace("$", r"\$")
 
 
+def boundaries_label(count: int) -> str:
+    """Return what the lines of so many grain boundaries are called in a key."""
+    return "grain boundary" if count == 1 else "grain boundaries"
+
+
 def typeset(text: str) -> str:
     """Return a text of a figure with χ_F, γ_F, λ⁺_Y, U_Y and the like as indexed symbols."""
     return INDEXED.sub(r"$\\mathregular{\1_\2}$", text)

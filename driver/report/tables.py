@@ -14,6 +14,7 @@ from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
 from driver.report.identified import interval_of
 from driver.report.labels import cause_label, change, reading_unit, smallest
+from solver_adapters.later_grains import as_honoured
 from solver_adapters.material import MATERIAL_DECLARATIONS
 from solver_adapters.parameter import Parameter
 
@@ -167,7 +168,7 @@ def _group(name: str, added: Mapping[str, Any]) -> str:
         return "Apex amplitudes"
     if knot_number(name) is not None:
         return "Elongation knots" if name.startswith("elongation") else "Tilt knots"
-    return "Law" if name in _LAW else "Instrument and geometry"
+    return "Law" if as_honoured(name) in _LAW else "Instrument and geometry"
 
 
 def _pair(record: Row | None, factor: float) -> str:

@@ -106,7 +106,7 @@ def view_of_findings(findings: Findings) -> View:
             "y": _rounded(blocks.y),
             "side": blocks.side,
             "step": face.pixel * blocks.side,
-            "trace": None if face.trace is None else face.trace.tolist(),
+            "traces": face.traces.tolist(),
             "noise": _rounded(1e3 * findings.motion.nodal_sigma),
             "limits": _limits(fields, sides),
         },

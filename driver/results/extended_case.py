@@ -32,7 +32,7 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     It stands in `results/`: its paths lead one folder up, or are absolute where that is a link.
     """
     values = found.extended.values
-    declared = declared_parameters(1)
+    declared = declared_parameters(1, n_grains=len(case.grains))
     stated = {
         declared[name].key: values[name] for name in (*case.identification.parameters, *LAMBDAS)
     }

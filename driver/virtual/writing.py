@@ -203,7 +203,8 @@ def _truth(
     subject: Subject,
     stage: FloatArray,
 ) -> Truth:
-    declared = declared_parameters(course.history.n_knots)
+    n_grains = len(course.orientations)
+    declared = declared_parameters(course.history.n_knots, n_grains=n_grains)
     x, y = lens.camera.x, lens.camera.y
     seen = [NodalMotion(subject.face, nodal)(x.ravel(), y.ravel())[0] for nodal in course.motion]
     return Truth(

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from driver.case.model import Case
-from driver.diagnosis.causes.all_causes import EVERY, NAMES
+from driver.diagnosis.causes.all_causes import every, names
 from driver.experiment.image_sizes import stack_size
 from driver.forward.build import size_of_second_mesh
 from driver.forward.cost import PROCESS_BYTES, simulation_memory, steps_seconds
@@ -35,8 +35,6 @@ _NODAL_COPIES, _COVARIANCES = 6, 10
 _FACE_NUMBERS = 100
 # Fits whose derivatives a diagnosis keeps beside those of its refits: the demo keeps eight in all.
 _OTHER_FITS = 3
-# Parameters of all causes, which are differentiated together.
-_CAUSE_DIRECTIONS = len({name for cause in EVERY for name in cause.parameters})
 # Directions of the boundary motion: 4 λ's and the knots of three cycles (6 for each of 4 motions).
 _BOUNDARY_DIRECTIONS = 4 + 4 * 6
 
@@ -78,7 +76,7 @@ def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> C
         for n in (directions, 0)
     )
     finer = cells_of_size(case, n_cells, case.specimen.fine_mesh_size)
-    causes = _CAUSE_DIRECTIONS if case.with_images else 0
+    causes = _cause_directions(len(case.grains)) if case.with_images else 0
     # The finer simulation tells its derivatives twice: for all that is fitted, and for all causes.
     exact = not solver.runs_per_direction
     told = (directions, directions + causes) if exact and case.with_images else ()
@@ -163,13 +161,23 @@ def _face(case: Case) -> float:
     return case.specimen.length * case.specimen.width / case.images.pixel_um**2
 
 
+def _cause_directions(n_grains: int) -> int:
+    """Parameters of all causes, which are differentiated together."""
+    return len({name for cause in every(n_grains) for name in cause.parameters})
+
+
 def _causes(case: Case) -> int:
     """How many causes a case asks for, of its own files one each."""
     asked = case.diagnosis.causes
-    return len(NAMES) + len(case.diagnosis.cause_files) if asked == "all" else len(asked)
+    return (
+        len(names(len(case.grains))) + len(case.diagnosis.cause_files)
+        if asked == "all"
+        else len(asked)
+    )
 
 
 def _bent_causes(case: Case) -> int:
     """How many of them may be looked at from afar."""
-    asked = NAMES if case.diagnosis.causes == "all" else case.diagnosis.causes
-    return sum(cause.strongly_nonlinear for cause in EVERY if cause.name in asked)
+    n_grains, stated = len(case.grains), case.diagnosis.causes
+    asked = names(n_grains) if stated == "all" else stated
+    return sum(cause.strongly_nonlinear for cause in every(n_grains) if cause.name in asked)

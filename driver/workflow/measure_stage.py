@@ -22,7 +22,7 @@ from driver.experiment.images.noise import TemporalNoise, temporal_noise
 from driver.experiment.images.outliers import find_outliers, left_out, noise_levels
 from driver.experiment.images.region import Excluded
 from driver.forward.build import correlation_meshes
-from driver.forward.geometry import boundary_trace
+from driver.forward.geometry import boundary_traces
 from driver.report.grip_texts import sentences
 from driver.report.measured import FIELDS, measured_motion
 from driver.report.measured_figures import write_figures
@@ -54,7 +54,7 @@ def run_measure(context: StageContext) -> None:
     written = open_hdf5(context.workdir / MEASURE, FIELDS)
     case = context.case
     write_figures(
-        measured_motion(written, case.images.level_um, boundary_trace(case)), context.workdir
+        measured_motion(written, case.images.level_um, boundary_traces(case)), context.workdir
     )
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from solver_adapters.checks.arrays import expect_finite, expect_number, expect_shape
 from solver_adapters.interface import BadSimulationError, Direction, Simulation, UnsupportedError
+from solver_adapters.later_grains import ratio_name
 from solver_adapters.material import MATERIAL_PARAMETERS
 
 
@@ -19,7 +20,11 @@ def refuse_bad_directions(simulation: Simulation) -> None:
         BadSimulationError: names, shapes or numbers that are wrong.
     """
     names: set[str] = set()
-    grains = (simulation.mesh.n_grains, 3)
+    n_grains = simulation.mesh.n_grains
+    grains, scalars = (
+        (n_grains, 3),
+        (*MATERIAL_PARAMETERS, *map(ratio_name, range(3, n_grains + 1))),
+    )
     shapes: dict[str, tuple[int, ...]] = {
         "rotation": grains,
         "lattice_gradient": grains,
@@ -35,10 +40,12 @@ def refuse_bad_directions(simulation: Simulation) -> None:
                 f"two directions have the name {direction.name!r}; expected different names"
             )
         names.add(direction.name)
-        _refuse_bad_direction(direction, shapes)
+        _refuse_bad_direction(direction, shapes, scalars)
 
 
-def _refuse_bad_direction(direction: Direction, shapes: dict[str, tuple[int, ...]]) -> None:
+def _refuse_bad_direction(
+    direction: Direction, shapes: dict[str, tuple[int, ...]], scalars: Sequence[str]
+) -> None:
     expect_number(f"scale of direction {direction.name!r}", direction.scale)
     if not 0 < direction.scale < np.inf:
         raise BadSimulationError(
@@ -51,10 +58,10 @@ def _refuse_bad_direction(direction: Direction, shapes: dict[str, tuple[int, ...
             "numbers by the names of parameters"
         )
     for name, rate in direction.material.items():
-        if name not in MATERIAL_PARAMETERS:
+        if name not in scalars:
             raise UnsupportedError(
                 f"direction {direction.name!r} changes {name!r}, which the material does not have; "
-                f"expected one of {', '.join(MATERIAL_PARAMETERS)}"
+                f"expected one of {', '.join(scalars)}"
             )
         expect_number(f"the change of {name} in direction {direction.name!r}", rate)
         if not np.isfinite(rate):

@@ -101,8 +101,8 @@ def results(written: Results, tmp_path: Path) -> Results:
 @pytest.fixture(scope="session")
 def measured(written: Results) -> MeasuredMotion:
     """The invented motion of free correlation."""
-    trace = np.array([[-2.0, 5.0], [2.0, 6.0]])
-    return measured_motion(read_hdf5(written.results / "measure.h5"), 0.0065, trace)
+    traces = np.array([[[-2.0, 5.0], [2.0, 6.0]]])
+    return measured_motion(read_hdf5(written.results / "measure.h5"), 0.0065, traces)
 
 
 def pixels() -> tuple[IntArray, IntArray]:

@@ -2,13 +2,14 @@
 
 import pytest
 
+from meshes.grain_boundary import GrainBoundary
 from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 
 
 @pytest.fixture(scope="session")
 def geometry() -> PrismGeometry:
-    return PrismGeometry(boundary_point=(0, 5.4, 0), boundary_normal=(0.15, 1, 0.30))
+    return PrismGeometry(boundaries=(GrainBoundary((0, 5.4, 0), (0.15, 1, 0.30)),))
 
 
 @pytest.fixture(scope="session")

@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 
 from meshes.cells import EDGES, inverted_cells, jacobians, outer_faces
 from meshes.files import read_med, write_med, write_vtu
+from meshes.grain_boundary import GrainBoundary, Vector
 from meshes.hex20 import CHECKED, FACES, MIRRORED, shape_functions
-from meshes.prism import LAYER, PrismGeometry, Vector, generate
+from meshes.prism import LAYER, PrismGeometry, generate
 from meshes.prism_mesh import FACE_GROUPS, PrismMesh
 from meshes.velocity import boundary_shift, moved
 from tests.meshes import raw_med
 from tests.meshes.places import DEPTH, group_masks
 
 CELL = np.arange(20)[None]
-TILTED = PrismGeometry(boundary_point=(0, 5.4, 0), boundary_normal=(0.15, 1, 0.30))
+TILTED = PrismGeometry(boundaries=(GrainBoundary((0, 5.4, 0), (0.15, 1, 0.30)),))
 SIZE = 1.0
 # Of a side of 4 µm; the boundary crosses the centre line at 5.4 + 0.30 DEPTH / 3 = 5.75 µm.
 DIVISIONS, LAYERS = 2, (10, 10)
@@ -114,7 +115,7 @@ def test_cells_meet_at_whole_faces_and_the_grains_at_the_boundary(bricks: PrismM
     assert len(np.unique(bricks.points.round(9), axis=0)) == len(bricks.points)
     assert np.array_equal(np.unique(bricks.cells), np.arange(len(bricks.points)))
     shared = np.intersect1d(bricks.cells[bricks.grain == 0], bricks.cells[bricks.grain == 1])
-    assert abs(TILTED.boundary_distance(bricks.points[shared])).max() < 1e-12
+    assert abs(TILTED.boundaries[0].distance(bricks.points[shared])).max() < 1e-12
     # Of 3 m² quadrilaterals: 3 m² + 3 m + 1 corners and 6 m² + 3 m sides of a section.
     m, layers = DIVISIONS, sum(LAYERS)
     corners, sides = 3 * m**2 + 3 * m + 1, 6 * m**2 + 3 * m
@@ -151,7 +152,7 @@ def test_the_face_has_two_blocks_of_cells_across(size: float, divisions: int) ->
 
 def test_the_longest_side_of_the_section_tells_the_number_of_cells() -> None:
     deep = PrismGeometry(width=2.0, depth=6.0)  # sides of 2 µm and √37 = 6.08 µm
-    mesh = generate(deep, 1.0, "hex20", layers=(1, 0))
+    mesh = generate(deep, 1.0, "hex20", layers=(1,))
     assert len(mesh.cells) == 3 * 3**2
 
 
@@ -171,12 +172,12 @@ def test_the_numbers_of_layers_can_be_given() -> None:
         (TILTED, "tet10", (2, 2), r"layers are \(2, 2\) for a mesh of tet10; hex20 alone"),
         (TILTED, "hex20", (0, 2), r"layers are \(0, 2\) in a prism of 2 grains; \(1, 1\) or more"),
         (TILTED, "hex20", (2, 0), r"layers are \(2, 0\) in a prism of 2 grains; \(1, 1\) or more"),
-        (PrismGeometry(), "hex20", (2, 2), r"\(2, 2\) in a prism of one grain; \(1 or more, 0\)"),
-        (PrismGeometry(), "hex20", (0, 0), r"\(0, 0\) in a prism of one grain; \(1 or more, 0\)"),
+        (PrismGeometry(), "hex20", (2, 2), r"\(2, 2\) in a prism of one grain; \(1,\) or more"),
+        (PrismGeometry(), "hex20", (0,), r"\(0,\) in a prism of one grain; \(1,\) or more"),
     ],
 )
 def test_numbers_of_layers_that_no_mesh_has_are_refused(
-    geometry: PrismGeometry, kind: str, layers: tuple[int, int], message: str
+    geometry: PrismGeometry, kind: str, layers: tuple[int, ...], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
         generate(geometry, 2.0, kind, layers)  # type: ignore[arg-type]
@@ -221,14 +222,14 @@ def test_a_single_grain_is_swept_too() -> None:
 
 
 def test_a_boundary_that_meets_an_end_face_is_refused() -> None:
-    steep = PrismGeometry(boundary_point=(0, 0.8, 0), boundary_normal=(0.6, 1, 0.3))
+    steep = PrismGeometry(boundaries=(GrainBoundary((0, 0.8, 0), (0.6, 1, 0.3)),))
     with pytest.raises(ValueError, match="meets an end face"):
         generate(steep, 2.0, "hex20")
 
 
 def test_only_a_boundary_from_side_to_side_takes_layers() -> None:
     def takes(point: Vector, normal: Vector) -> bool:
-        return PrismGeometry(boundary_point=point, boundary_normal=normal).crossed_from_side_to_side
+        return PrismGeometry(boundaries=(GrainBoundary(point, normal),)).crossed_from_side_to_side
 
     assert PrismGeometry().crossed_from_side_to_side and takes((0.0, 5.4, 0.0), (0.15, 1.0, 0.3))
     assert not takes((0.0, 0.3, 0.0), (0.15, 1.0, 0.3))  # meets an end face

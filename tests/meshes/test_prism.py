@@ -11,7 +11,8 @@ from scipy.spatial import ConvexHull
 
 from meshes.cells import jacobians, outer_faces
 from meshes.gmsh_library import load_gmsh
-from meshes.prism import CellKind, PrismGeometry, Vector, expected_cells, generate
+from meshes.grain_boundary import GrainBoundary, Vector
+from meshes.prism import CellKind, PrismGeometry, expected_cells, generate
 from meshes.prism_mesh import FACE_GROUPS, PrismMesh
 from meshes.tet10 import EDGES
 from tests.meshes.places import DEPTH, group_masks
@@ -30,7 +31,7 @@ PLANES: list[tuple[Vector, Vector]] = [
 
 
 def prism_with(plane: tuple[Vector, Vector]) -> PrismGeometry:
-    return PrismGeometry(boundary_point=plane[0], boundary_normal=plane[1])
+    return PrismGeometry(boundaries=(GrainBoundary(plane[0], plane[1]),))
 
 
 def cell_volumes(mesh: PrismMesh) -> NDArray[np.float64]:
@@ -80,7 +81,7 @@ def test_the_first_grain_lies_on_the_side_of_the_fixed_end(
     volume = cell_volumes(mesh)[mesh.grain == 0].sum()
     assert volume == pytest.approx(2 * DEPTH * mean_height, rel=1e-9)
     centres = mesh.points[mesh.cells].mean(axis=1)
-    assert (geometry.boundary_distance(centres[mesh.grain == 0]) < 0).all()
+    assert (geometry.boundaries[0].distance(centres[mesh.grain == 0]) < 0).all()
 
 
 @pytest.mark.parametrize("plane", PLANES)
@@ -114,7 +115,7 @@ def test_the_mesh_conforms(plane: tuple[Vector, Vector]) -> None:
     grains = [set(inverse[np.repeat(mesh.grain, 4) == grain]) for grain in (0, 1)]
     shared = unique[list(grains[0] & grains[1])]
     assert len(shared) > 0
-    assert np.abs(geometry.boundary_distance(mesh.points[shared])).max() < 1e-9
+    assert np.abs(geometry.boundaries[0].distance(mesh.points[shared])).max() < 1e-9
 
 
 @pytest.mark.parametrize("plane", PLANES)
@@ -217,7 +218,7 @@ def test_a_boundary_that_leaves_a_grain_empty_is_refused(
     point: Vector, normal: Vector, empty: int
 ) -> None:
     with pytest.raises(ValueError, match=f"grain {empty} is empty"):
-        generate(PrismGeometry(boundary_point=point, boundary_normal=normal), 2.0)
+        generate(PrismGeometry(boundaries=(GrainBoundary(point, normal),)), 2.0)
 
 
 @pytest.mark.parametrize("size", [0.0, -1.0, math.nan, math.inf])
@@ -229,12 +230,8 @@ def test_an_element_size_that_is_not_positive_is_refused(size: float) -> None:
 def test_a_geometry_that_is_no_prism_is_refused() -> None:
     with pytest.raises(ValueError, match="prism depth is -1 µm; it must be positive"):
         PrismGeometry(depth=-1)
-    with pytest.raises(ValueError, match="both a point and a normal"):
-        PrismGeometry(boundary_point=(0, 5, 0))
     with pytest.raises(ValueError, match="non-zero normal"):
-        PrismGeometry(boundary_point=(0, 5, 0), boundary_normal=(0, 0, 0))
-    with pytest.raises(ValueError, match="it has no grain boundary"):
-        PrismGeometry().boundary_distance(np.zeros(3))
+        GrainBoundary((0, 5, 0), (0, 0, 0))
 
 
 @pytest.mark.parametrize(("kind", "size"), [("tet10", 0.01), ("hex20", 1e-3), ("tet10", 1e-80)])
@@ -249,7 +246,7 @@ def test_a_mesh_beyond_all_machines_is_refused_before_it_is_made(
 def test_the_cells_that_are_foretold_are_those_that_come_within_a_third(
     kind: CellKind, size: float
 ) -> None:
-    geometry = PrismGeometry(boundary_point=(0.0, 5.4, 0.0), boundary_normal=(0.15, 1.0, 0.3))
+    geometry = PrismGeometry(boundaries=(GrainBoundary((0.0, 5.4, 0.0), (0.15, 1.0, 0.3)),))
     made = len(generate(geometry, size, kind).cells)
     assert expected_cells(geometry, size, kind) == pytest.approx(made, rel=1 / 3)
 
@@ -267,4 +264,4 @@ def test_a_normal_whose_length_is_no_number_is_refused(
     normal: tuple[float, float, float],
 ) -> None:
     with pytest.raises(ValueError, match="finite numbers and a non-zero normal are expected"):
-        PrismGeometry(boundary_point=(0.0, 5.4, 0.0), boundary_normal=normal)
+        PrismGeometry(boundaries=(GrainBoundary((0.0, 5.4, 0.0), normal),))

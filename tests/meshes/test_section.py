@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from meshes.cells import inverted_cells
+from meshes.grain_boundary import GrainBoundary
 from meshes.prism import CellKind, PrismGeometry, expected_cells, generate
 from meshes.section import Section
 
@@ -39,12 +40,14 @@ def test_the_section_of_a_mesh_is_that_it_was_made_of(kind: CellKind, bottom: fl
 @pytest.mark.parametrize("bottom", [2.0, 3.0, 4.0])
 def test_cells_of_a_bar_fill_it_grain_by_grain(kind: CellKind, bottom: float) -> None:
     """Volumes by the divergence theorem, of the outer faces alone."""
-    geometry = PrismGeometry(8.0, 3.0, 2.0, (0.0, 3.6, 0.0), (0.15, 1.0, 0.3), bottom)
+    geometry = PrismGeometry(
+        8.0, 3.0, 2.0, (GrainBoundary((0.0, 3.6, 0.0), (0.15, 1.0, 0.3)),), bottom
+    )
     mesh = generate(geometry, 0.9, kind)
     assert not len(inverted_cells(mesh.points, mesh.cells))
     corners = mesh.cells[:, : 4 if kind == "tet10" else 8]
     centres = mesh.points[corners].mean(axis=1)
-    assert ((geometry.boundary_distance(centres) > 0) == mesh.grain).all()
+    assert ((geometry.boundaries[0].distance(centres) > 0) == mesh.grain).all()
     for group, axis, area in (
         ("S_PLUS", 1, (3.0 + bottom) / 2 * 2.0),
         ("S_MINUS", 1, (3.0 + bottom) / 2 * 2.0),

@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from meshes.arrays import FloatArray
+from meshes.grain_boundary import GrainBoundary
 from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 from meshes.tet10 import EDGES
@@ -45,22 +46,21 @@ def boundary_nodes(mesh: PrismMesh) -> NDArray[np.int64]:
 
 def changed(geometry: PrismGeometry, name: str, step: float) -> PrismGeometry:
     """The geometry after the parameter has changed by `step`, written out from its meaning."""
-    assert geometry.boundary_point is not None and geometry.boundary_normal is not None
-    (x, y, z), (nx, ny, nz) = geometry.boundary_point, geometry.boundary_normal
+    (boundary,) = geometry.boundaries
+    (x, y, z), (nx, ny, nz) = boundary.point, boundary.normal
     if name == "shift":
-        return replace(geometry, boundary_point=(x, y + step, z))
+        return replace(geometry, boundaries=(GrainBoundary((x, y + step, z), (nx, ny, nz)),))
     if name == "tilt x":
         y += step * x
-        return replace(geometry, boundary_point=(x, y, z), boundary_normal=(nx - step * ny, ny, nz))
+        return replace(geometry, boundaries=(GrainBoundary((x, y, z), (nx - step * ny, ny, nz)),))
     if name == "tilt z":
         y += step * (z + geometry.depth / 3)
-        return replace(geometry, boundary_point=(x, y, z), boundary_normal=(nx, ny, nz - step * ny))
+        return replace(geometry, boundaries=(GrainBoundary((x, y, z), (nx, ny, nz - step * ny)),))
     scale = 1 + step
     return replace(
         geometry,
         depth=geometry.depth * scale,
-        boundary_point=(x, y, z * scale),
-        boundary_normal=(nx, ny, nz / scale),
+        boundaries=(GrainBoundary((x, y, z * scale), (nx, ny, nz / scale)),),
     )
 
 
@@ -72,7 +72,7 @@ def test_the_moved_mesh_is_a_mesh_of_the_changed_geometry(
     target = changed(geometry, name, step)
     after = moved(mesh, step * FIELDS[name](mesh, geometry))
     boundary = after.points[boundary_nodes(mesh)]
-    assert np.abs(target.boundary_distance(boundary)).max() < 1e-8
+    assert np.abs(target.boundaries[0].distance(boundary)).max() < 1e-8
     assert grain_volumes(after) == pytest.approx(grain_volumes(generate(target, 2.0)), rel=1e-8)
 
 
@@ -157,12 +157,12 @@ def test_a_move_that_inverts_cells_is_refused(mesh: PrismMesh, geometry: PrismGe
 def test_a_boundary_that_meets_an_end_cannot_be_moved(
     point: tuple[float, float, float], normal: tuple[float, float, float]
 ) -> None:
-    geometry = PrismGeometry(boundary_point=point, boundary_normal=normal)
+    geometry = PrismGeometry(boundaries=(GrainBoundary(point, normal),))
     with pytest.raises(ValueError, match="expected to cross the prism from side to side"):
         boundary_shift(generate(geometry, 2.0), geometry)
 
 
 def test_a_single_grain_has_no_boundary_to_move() -> None:
     geometry = PrismGeometry()
-    with pytest.raises(ValueError, match="it has no grain boundary"):
+    with pytest.raises(ValueError, match="there is no grain boundary 1: the prism has 0 of them"):
         boundary_shift(generate(geometry, 3.0), geometry)

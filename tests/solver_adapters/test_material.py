@@ -14,6 +14,8 @@ from solver_adapters.material import (
     admissible_at,
     declarations_at,
     least_C11,
+    scalar,
+    with_parameters,
 )
 from solver_adapters.parameter import Parameter, Range
 
@@ -67,3 +69,16 @@ def test_the_least_C11_parts_stable_crystals_from_others(C12: float) -> None:
 def test_an_initial_back_strain_is_bounded_by_the_recall_of_the_case() -> None:
     assert admissible_at(Material(d=500.0))["x0"].upper == 2e-3
     assert admissible_at(Material(d=0.0))["x0"].holds(10.0)
+
+
+def test_ratios_of_later_grains_are_scalars_by_the_number_of_the_grain() -> None:
+    law = with_parameters(Material(tau0_grains=(1.2,)), {"tau0_grain4": 1.5, "tau0_grain2": 0.9})
+    assert (law.tau0_grain2, law.tau0_grains) == (0.9, (1.2, 1.5))
+    assert [scalar(law, f"tau0_grain{grain}") for grain in (2, 3, 4, 5)] == [0.9, 1.2, 1.5, 1.0]
+    # At their nulls they leave the law, and with it the key of a job, as it is.
+    assert with_parameters(law, {"tau0_grain3": 1.0, "tau0_grain4": 1.0}).tau0_grains == ()
+    names = [parameter.name for parameter in declarations_at(Material(), 4)]
+    assert [name for name in names if name.startswith("tau0_grain") and name[-1].isdigit()] == [
+        "tau0_grain2", "tau0_grain3", "tau0_grain4",
+    ]  # fmt: skip
+    assert declarations_at(Material(), 2) == MATERIAL_DECLARATIONS

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from meshes.arrays import FloatArray
+from meshes.grain_boundary import GrainBoundary
 from meshes.prism import CellKind, PrismGeometry, generate
 from meshes.surface import trace
 from tools.mesh_reference import on_face
 
-GEOMETRY = PrismGeometry(8.0, 4.0, 3.46, (0.0, 3.6, 0.0), (0.15, 1.0, 0.3))
+GEOMETRY = PrismGeometry(8.0, 4.0, 3.46, (GrainBoundary((0.0, 3.6, 0.0), (0.15, 1.0, 0.3)),))
 
 
 EDGE = 1e-4  # µm, by which a motion of such slopes is off where the edge is drawn onto the face

@@ -73,16 +73,24 @@ def places_on(geometry: PrismGeometry, xy: FloatArray) -> dict[str, BoolArray]:
     x, y = xy.T
     band, edge = _BAND * geometry.width, 0.5 * geometry.width
     places: dict[str, BoolArray] = {}
-    if geometry.boundary_point is None or geometry.boundary_normal is None:
+    if not geometry.boundaries:
         places["the face"] = np.ones(len(xy), dtype=bool)
-    else:
-        normal = np.array(geometry.boundary_normal) / np.linalg.norm(geometry.boundary_normal)
-        on_face = np.column_stack([xy, np.zeros(len(xy))])
-        off = (on_face - geometry.boundary_point) @ normal
-        # Across the trace, as it is seen on the face.
-        off /= max(float(np.hypot(*normal[:2])), 1e-9)
-        places["grain 1"], places["grain 2"] = off < -band, off > band
-        places["the grain boundary"] = np.abs(off) <= band
+    on_face = np.column_stack([xy, np.zeros(len(xy))])
+    # Distance across each trace, as it is seen on the face.
+    off = [
+        plane.distance(on_face) / max(float(np.hypot(*plane.unit_normal[:2])), 1e-9)
+        for plane in geometry.boundaries
+    ]
+    for grain in range(geometry.n_grains if off else 0):
+        inside = np.ones(len(xy), dtype=bool)
+        if grain:
+            inside &= off[grain - 1] > band
+        if grain < len(off):
+            inside &= off[grain] < -band
+        places[f"grain {grain + 1}"] = inside
+    for number, across in enumerate(off, start=1):
+        name = "the grain boundary" if len(off) == 1 else f"grain boundary {number}"
+        places[name] = np.abs(across) <= band
     places["the end S−"], places["the end S+"] = y < band, y > geometry.length - band
     places["the long edges"] = np.abs(x) > edge - 0.5 * band
     return {name: there for name, there in places.items() if there.sum() >= _FEWEST_PIXELS}

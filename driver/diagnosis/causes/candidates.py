@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from driver.diagnosis.causes.causes import LIBRARY, Cause
+from driver.diagnosis.causes.causes import Cause
+from driver.diagnosis.causes.grain_causes import library
 from driver.parameters.registry import label_of
 
 
@@ -34,6 +35,7 @@ def not_examined(
     fitted: Collection[str],
     wanted: Sequence[str] | None,
     own: Sequence[Cause] = (),
+    n_grains: int = 2,
 ) -> tuple[NotExamined, ...]:
     """Return the causes that are not tried, each with its reason.
 
@@ -43,8 +45,10 @@ def not_examined(
         fitted: parameters that are fitted in the baseline.
         wanted: names of the causes to try, None for all.
         own: causes beside the library.
+        n_grains: grains of the specimen.
     """
-    reasons = [(cause, _why_not(cause, specimen, solver, fitted)) for cause in _asked(wanted, own)]
+    asked = _asked(wanted, own, n_grains)
+    reasons = [(cause, _why_not(cause, specimen, solver, fitted)) for cause in asked]
     return tuple(NotExamined(cause.name, why) for cause, why in reasons if why)
 
 
@@ -53,6 +57,7 @@ def causes_of(
     fitted: Collection[str],
     wanted: Sequence[str] | None,
     own: Sequence[Cause] = (),
+    n_grains: int = 2,
 ) -> tuple[Cause, ...]:
     """Return the causes that this specimen can have and that are not fitted already.
 
@@ -61,15 +66,19 @@ def causes_of(
         fitted: parameters that are fitted in the baseline.
         wanted: names of the causes to try, None for all.
         own: causes beside the library.
+        n_grains: grains of the specimen.
     """
     return tuple(
-        cause for cause in _asked(wanted, own) if not _why_not(cause, known, known, fitted)
+        cause
+        for cause in _asked(wanted, own, n_grains)
+        if not _why_not(cause, known, known, fitted)
     )
 
 
-def _asked(wanted: Sequence[str] | None, own: Sequence[Cause]) -> list[Cause]:
+def _asked(wanted: Sequence[str] | None, own: Sequence[Cause], n_grains: int) -> list[Cause]:
     """Those of the library that are wanted, and all own ones: their file asks for them."""
-    return [cause for cause in LIBRARY if wanted is None or cause.name in wanted] + list(own)
+    of_library = library(n_grains)
+    return [cause for cause in of_library if wanted is None or cause.name in wanted] + list(own)
 
 
 def _why_not(

@@ -13,9 +13,11 @@ from driver.case.model import Case, CaseError
 from driver.case.toml import read_tables
 from driver.case.values import Table
 from driver.common.errors import InputError, one_of, sentence
-from driver.diagnosis.causes.all_causes import EVERY, NAMES
-from driver.diagnosis.causes.causes import LIBRARY, Cause
+from driver.diagnosis.causes.all_causes import cause_of, names
+from driver.diagnosis.causes.causes import Cause
+from driver.diagnosis.causes.grain_causes import library
 from driver.parameters.boundary import LAMBDAS
+from driver.parameters.microstructure import grains_that_bear
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.registry import declared_parameters
 
@@ -54,7 +56,11 @@ class CauseTable(Table):
 
     @model_validator(mode="after")
     def _parameters_of_the_model(self) -> Self:
-        known = [name for name in declared_parameters(1) if name not in _ALWAYS_FITTED]
+        known = [
+            name
+            for name in declared_parameters(1, n_grains=self._grains())
+            if name not in _ALWAYS_FITTED
+        ]
         seen: set[str] = set()
         for key in ("parameters", "companions"):
             for name in getattr(self, key):
@@ -70,15 +76,18 @@ class CauseTable(Table):
 
     @model_validator(mode="after")
     def _of_its_own(self) -> Self:
-        taken = {"all", *(cause.name for cause in EVERY)}
-        if self.name.lower() in taken:
+        if self.name.lower() == "all" or cause_of(self.name.lower()) is not None:
             raise refusal('a name that the library does not have, nor "all"', "name")
-        for cause in LIBRARY:
+        for cause in library(self._grains()):
             if set(cause.parameters) == set(self.parameters):
                 raise refusal(
                     f"other parameters than those of {cause.name} of the library", "parameters"
                 )
         return self
+
+    def _grains(self) -> int:
+        """Fewest grains of a specimen that has all of the parameters."""
+        return max(map(grains_that_bear, (*self.parameters, *self.companions)))
 
     def cause(self) -> Cause:
         """Return the cause that the table describes."""
@@ -141,7 +150,7 @@ def asked_causes(case: Case, path: Path | None = None) -> tuple[Cause, ...]:
             sentence a line.
     """
     own = user_causes(case)
-    known = [*NAMES, *(cause.name for cause in own)]
+    known = [*names(len(case.grains)), *(cause.name for cause in own)]
     asked = case.diagnosis.causes if case.diagnosis.causes != "all" else ()
     refused = [
         sentence(path or case.file, "diagnosis.causes", f'"{name}"', one_of(name, known))

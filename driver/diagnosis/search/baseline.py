@@ -83,7 +83,7 @@ def prepared(
         louder = replace(image, noise_factor=max(image.noise_factor, settings.free_chi))
         objective = replace(objective, data=replace(objective.data, image=louder))
     fitted = _fitted_again(objective, fitted)
-    uneven = examine_noise(fitted.best, objective.data, settings.wanted)
+    uneven = examine_noise(fitted.best, objective.data, settings.wanted, objective.model.n_grains)
     left = (uneven,) if isinstance(uneven, NotExamined) else ()
     uneven = uneven if isinstance(uneven, Unevenness) else None
     if uneven is not None and uneven.named:

@@ -14,7 +14,7 @@ from driver.diagnosis.answer.verdict import (
     decide,
     with_doubts,
 )
-from driver.diagnosis.causes.all_causes import EVERY
+from driver.diagnosis.causes.all_causes import every
 from driver.diagnosis.causes.candidates import NotExamined, not_examined
 from driver.diagnosis.causes.ebsd_flips import flips_of
 from driver.diagnosis.causes.noise_causes import COVARIANCE, NOISE_NOT_UNIFORM
@@ -65,7 +65,7 @@ def diagnose(
     model = objective.model
     left = not_examined(
         parameters_of_the_specimen(model), honoured(model), baseline.best.free, settings.wanted,
-        settings.own,
+        settings.own, model.n_grains,
     ) + flips_of(model.microstructure.orientations, settings.wanted)[1]  # fmt: skip
     candidates, names = screened(model, baseline.best.free, settings.wanted, settings.own)
     if augmented is None:
@@ -101,7 +101,8 @@ def diagnose(
     of_causes = {cause.name for cause in causes}
     # What was dropped and added again counts once.
     sets = {round_.named[0]: round_.named for round_ in rounds if of_causes & set(round_.named[:1])}
-    by_name = {cause.name: cause for cause in (*EVERY, *settings.own)}
+    known = every(current.model.n_grains)
+    by_name = {cause.name: cause for cause in (*known, *settings.own)}
     verdict = decide(
         [[by_name[name] for name in names] for names in sets.values()],
         rounds[-1].goodness_of_fit.seen,

@@ -15,7 +15,7 @@ import numpy as np
 
 from driver.common.distributions import f_sf
 from driver.diagnosis.answer.verdict import Verdict, to_confirm
-from driver.diagnosis.causes.all_causes import NAMES
+from driver.diagnosis.causes.all_causes import names
 from driver.diagnosis.causes.candidates import NotExamined
 from driver.diagnosis.causes.noise_causes import NOISE_NOT_UNIFORM
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, SEEN_AT, Score
@@ -52,7 +52,7 @@ class Unevenness:
 
 
 def examine_noise(
-    at: Evaluation, data: Data, wanted: tuple[str, ...] | None
+    at: Evaluation, data: Data, wanted: tuple[str, ...] | None, n_grains: int = 2
 ) -> Unevenness | NotExamined | None:
     """How the noise varies, or why that is not asked; None where the cause is not wanted."""
     if wanted is not None and NOISE_NOT_UNIFORM.name not in wanted:
@@ -62,7 +62,7 @@ def examine_noise(
         return NotExamined(NOISE_NOT_UNIFORM.name, why)
     if data.image.variance is not None:
         return NotExamined(NOISE_NOT_UNIFORM.name, "images.noise_map states it")
-    uneven = unevenness(at, data, len(NAMES) + 1)
+    uneven = unevenness(at, data, len(names(n_grains)) + 1)
     few = NotExamined(NOISE_NOT_UNIFORM.name, "there are too few images to tell noise by")
     return few if uneven is None else uneven
 

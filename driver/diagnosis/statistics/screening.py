@@ -18,9 +18,9 @@ from driver.identification.mesh_error import variance_left
 from driver.identification.objective import Objective
 from driver.parameters.history import HOLD
 from driver.parameters.instrument import PATTERN_DECLARATIONS
-from driver.parameters.microstructure import LATTICE_DECLARATIONS
 from meshes.arrays import FloatArray
 from solver_adapters.crystal import BCC
+from solver_adapters.later_grains import SECOND, as_honoured, ratio_name
 from solver_adapters.material import MATERIAL_PARAMETERS, OF_BCC, OF_SECOND_GRAIN
 
 
@@ -32,7 +32,7 @@ def screened(
 ) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     """Return the causes that a model can have, and the parameters that screening needs free."""
     known = parameters_of_the_specimen(model) & honoured(model)
-    candidates = causes_of(known, fitted, wanted, own)
+    candidates = causes_of(known, fitted, wanted, own, model.n_grains)
     names = [*fitted]
     for cause in candidates:
         names += [n for n in (*cause.parameters, *cause.companions) if n not in names]
@@ -44,8 +44,8 @@ def parameters_of_the_specimen(model: ForwardModel) -> frozenset[str]:
     seen = frozenset(p for p in model.parameters if not model.simulated(p))
     if model.pattern is None:
         seen -= {p.name for p in PATTERN_DECLARATIONS}
-    law = frozenset(MATERIAL_PARAMETERS)
-    if len(model.microstructure.orientations) < 2:
+    law = frozenset((*MATERIAL_PARAMETERS, *map(ratio_name, range(3, model.n_grains + 1))))
+    if model.n_grains < 2:
         law -= OF_SECOND_GRAIN
     if model.material.slip_systems != BCC:
         law -= OF_BCC
@@ -58,8 +58,10 @@ def honoured(model: ForwardModel) -> frozenset[str]:
     """Parameters of the general model that the solver can honour."""
     offered = model.adapter.capabilities()
     refused = frozenset(MATERIAL_PARAMETERS) - offered.material
+    if SECOND in refused:
+        refused |= {name for name in model.parameters if as_honoured(name) == SECOND}
     if not offered.lattice_gradient:
-        refused |= {parameter.name for parameter in LATTICE_DECLARATIONS}
+        refused |= {p.name for p in model.parameters.values() if p.enters == "lattice"}
     if not offered.times:
         refused |= {HOLD}
     return frozenset(model.parameters) - refused

@@ -39,6 +39,7 @@ from solver_adapters.crystal import (
     schmid_tensors,
     slip_systems,
 )
+from solver_adapters.later_grains import later_grain
 from solver_adapters.material import Material
 
 NS = N_SYSTEMS
@@ -185,19 +186,20 @@ def local_tangent(material: Material, n_grains: int, name: str) -> FloatArray:
             tangent[:, P_C44] = scale * share
         else:
             tangent[:, P_C11 if name == "C11" else P_C12] = scale
-    elif name in _TAU0:
+    elif name in _TAU0 or later_grain(name) is not None:
         ratio = grain_ratios(m, n_grains)
         first, family, anti = m.tau0, m.tau0_112, m.tau0_antitwinning
         d_family, d_anti = 0.0, 0.0
         d_tau0 = np.zeros(n_grains)
         if name == "tau0":
             d_tau0 = ratio
-        elif name == "tau0_grain2":
-            d_tau0[1:2] = first
         elif name == "tau0_112":
             d_family = 1.0
-        else:
+        elif name == "tau0_antitwinning":
             d_anti = 1.0
+        else:
+            grain = later_grain(name) or 2
+            d_tau0[grain - 1 : grain] = first
         tau0 = first * ratio
         d_tau112 = d_tau0 * family + tau0 * d_family
         tangent[:, P_TAU110] = d_tau0

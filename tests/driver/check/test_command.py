@@ -13,7 +13,7 @@ from driver.case.model import load_case
 from driver.check import command as check_module
 from driver.check.command import check
 from driver.forward.build import geometry_of
-from driver.forward.geometry import boundary_trace
+from driver.forward.geometry import boundary_traces
 from meshes.prism import CellKind, generate
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.calculix.adapter import CalculixAdapter
@@ -112,8 +112,7 @@ def test_automatic_sizes_are_chosen_and_told_with_their_budget(case_path: Path) 
 
 
 def test_the_trace_of_the_grain_boundary_lies_on_its_plane() -> None:
-    trace = boundary_trace(load_case(ALPHA / "case.toml"))
-    assert trace is not None
+    (trace,) = boundary_traces(load_case(ALPHA / "case.toml"))
     points = np.column_stack([trace, np.zeros(2)])
     np.testing.assert_allclose((points - (0, 5.4, 0)) @ (0.15, 1, 0.30), 0.0, atol=1e-12)
     assert trace[:, 0].tolist() == [-2.0, 2.0]

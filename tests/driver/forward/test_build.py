@@ -54,7 +54,7 @@ def test_the_geometry_is_that_of_the_case() -> None:
     geometry = geometry_of(closed_form.small_case())
     assert (geometry.length, geometry.width) == (LENGTH, WIDTH)
     assert geometry.depth == pytest.approx(WIDTH * np.sqrt(3) / 2)
-    assert geometry.boundary_point == (0.0, 2.0, 0.0)
+    assert [boundary.point for boundary in geometry.boundaries] == [(0.0, 2.0, 0.0)]
 
 
 def test_a_strain_measure_that_the_solver_lacks_is_refused(

@@ -12,6 +12,7 @@ from driver.forward.mesh_extrapolation import lacking_share
 from driver.forward.model import ForwardModel
 from driver.forward.prediction import Prediction
 from driver.virtual.truth import history_of_rows
+from meshes.grain_boundary import GrainBoundary
 from meshes.prism import CellKind, PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import trace
@@ -19,7 +20,7 @@ from solver_adapters.crystal import rotation_vector_matrix
 from tools.converged_truth import known_case
 from tools.mesh_reference import on_face
 
-PRISM = PrismGeometry(length=6.0, boundary_point=(0.0, 3.2, 0.0), boundary_normal=(0.15, 1.0, 0.3))
+PRISM = PrismGeometry(length=6.0, boundaries=(GrainBoundary((0.0, 3.2, 0.0), (0.15, 1.0, 0.3)),))
 FREE = ("tau0", "origin_X", "boundary_shift", "load_gain")
 
 

@@ -7,21 +7,22 @@ import pytest
 
 from driver.forward.microstructure import Microstructure, build_microstructure
 from driver.parameters.microstructure import (
-    GEOMETRY_DECLARATIONS,
-    LATTICE_DECLARATIONS,
-    ORIENTATION_DECLARATIONS,
+    geometry_declarations,
+    lattice_declarations,
+    orientation_declarations,
 )
+from meshes.grain_boundary import GrainBoundary
 from meshes.prism import PrismGeometry, generate
 from solver_adapters.crystal import bunge_matrix
 from solver_adapters.interface import SolverError
 
 NULL = {
     p.name: p.null
-    for p in (*GEOMETRY_DECLARATIONS, *ORIENTATION_DECLARATIONS, *LATTICE_DECLARATIONS)
+    for p in (*geometry_declarations(2), *orientation_declarations(2), *lattice_declarations(2))
 }
 TURNED = dict(
     zip(
-        [p.name for p in ORIENTATION_DECLARATIONS],
+        [p.name for p in orientation_declarations(2)],
         (0.3, -0.2, 0.1, -0.15, 0.25, 0.4, 0.2, 0.35, -0.3),
         strict=True,
     )
@@ -31,7 +32,7 @@ MEASURED = np.stack([bunge_matrix(281, 8, 47), bunge_matrix(211, 45, 150)])
 
 @pytest.fixture(scope="module")
 def two_grains() -> Microstructure:
-    geometry = PrismGeometry(4.0, 2.0, 1.7, (0, 2, 0), (0.1, 1, 0.2))
+    geometry = PrismGeometry(4.0, 2.0, 1.7, (GrainBoundary((0, 2, 0), (0.1, 1, 0.2)),))
     return build_microstructure(generate(geometry, 1.2), geometry, MEASURED)
 
 
@@ -64,7 +65,7 @@ def test_at_the_null_the_mesh_is_the_drawn_one(two_grains: Microstructure) -> No
     np.testing.assert_allclose(two_grains.rotated(NULL), MEASURED, atol=1e-15)
 
 
-@pytest.mark.parametrize("name", [p.name for p in GEOMETRY_DECLARATIONS])
+@pytest.mark.parametrize("name", [p.name for p in geometry_declarations(2)])
 def test_nodes_move_along_the_velocity_of_a_parameter(
     two_grains: Microstructure, name: str
 ) -> None:
@@ -105,7 +106,7 @@ def test_a_single_grain_has_neither_boundary_nor_second_orientation() -> None:
 
 def test_the_lattice_gradient_is_linear_in_its_parameters(two_grains: Microstructure) -> None:
     assert two_grains.lattice_gradient(NULL) is None
-    names = [p.name for p in LATTICE_DECLARATIONS]
+    names = [p.name for p in lattice_declarations(2)]
     assert set(names) <= two_grains.parameters
     values = NULL | dict(zip(names, (1e-3, -2e-3, 3e-3, 4e-3, -5e-3, 6e-3), strict=True))
     found = two_grains.lattice_gradient(values)
@@ -113,3 +114,21 @@ def test_the_lattice_gradient_is_linear_in_its_parameters(two_grains: Microstruc
     np.testing.assert_allclose(found, [[1e-3, -2e-3, 3e-3], [4e-3, -5e-3, 6e-3]])
     rates = sum(values[name] * two_grains.lattice_gradient_rate(name) for name in names)
     np.testing.assert_allclose(rates, found)
+
+
+def test_three_grains_have_a_turn_and_a_gradient_each_and_their_boundaries_four_motions() -> None:
+    planes = tuple(GrainBoundary((0, y, 0), (0.1, 1, 0.2)) for y in (1.3, 2.6))
+    geometry = PrismGeometry(4.0, 2.0, 1.7, planes)
+    measured = np.stack([*MEASURED, bunge_matrix(30, 20, 10)])
+    three = build_microstructure(generate(geometry, 1.2), geometry, measured)
+    declared = (*geometry_declarations(3), *orientation_declarations(3), *lattice_declarations(3))
+    null = {p.name: p.null for p in declared}
+    assert three.parameters == set(null)
+    third = "rotation_grain3_x"
+    np.testing.assert_allclose(three.rotated(null | {third: 0.1})[:2], MEASURED, atol=1e-15)
+    np.testing.assert_allclose(three.rotation_rate(null, third), [[0] * 3, [0] * 3, [1, 0, 0]])
+    rate = three.lattice_gradient_rate("lattice_gradient_grain3_z")
+    np.testing.assert_allclose(rate, [[0] * 3, [0] * 3, [0, 0, 1]])
+    far, near = (three.mesh.cells[three.mesh.grain == grain] for grain in (0, 2))
+    moved = three.moved_mesh(null | {"boundary2_shift": 0.1}).points - three.mesh.points
+    assert abs(moved[far]).max() < 1e-12 and moved[near, 1].max() == pytest.approx(0.1)

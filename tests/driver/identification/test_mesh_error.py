@@ -10,6 +10,7 @@ import pytest
 from driver.forward.mesh_extrapolation import lacking_share
 from driver.identification.mesh_error import share_left, variance_left
 from meshes.arrays import FloatArray
+from meshes.grain_boundary import GrainBoundary
 from meshes.prism import CellKind, PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.bundled.adapter import BundledAdapter
@@ -17,7 +18,7 @@ from solver_adapters.interface import Simulation
 from solver_adapters.material import Material
 from tools.boxes import ORIENTATIONS
 
-PRISM = PrismGeometry(length=6.0, boundary_point=(0.0, 3.2, 0.0), boundary_normal=(0.15, 1.0, 0.3))
+PRISM = PrismGeometry(length=6.0, boundaries=(GrainBoundary((0.0, 3.2, 0.0), (0.15, 1.0, 0.3)),))
 
 
 @cache

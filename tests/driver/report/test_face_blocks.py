@@ -7,7 +7,7 @@ from driver.report.maps import Face
 
 def face() -> Face:
     rows, cols = np.meshgrid(np.arange(5, 12), np.arange(3, 13), indexing="ij")
-    return Face(rows.ravel(), cols.ravel(), 0.1, (5.0, 2.0), None)
+    return Face(rows.ravel(), cols.ravel(), 0.1, (5.0, 2.0), np.zeros((0, 2, 2)))
 
 
 def test_blocks_are_as_small_as_their_number_allows() -> None:

@@ -7,6 +7,7 @@ from driver.report import figures, maps
 from driver.report.style import png
 from meshes.arrays import FloatArray, IntArray
 from meshes.cells import EDGES
+from meshes.grain_boundary import GrainBoundary
 from meshes.prism import PrismGeometry, generate
 
 T = 9
@@ -68,7 +69,9 @@ def test_the_residual_of_the_load_is_measured_minus_model_with_the_noise_as_a_ba
 
 def face() -> maps.Face:
     rows, cols = np.meshgrid(np.arange(3, 23), np.arange(5, 65), indexing="ij")
-    return maps.Face(rows.ravel(), cols.ravel(), 0.1, (12.5, 4.5), np.array([[-1, 2.0], [1, 3.0]]))
+    return maps.Face(
+        rows.ravel(), cols.ravel(), 0.1, (12.5, 4.5), np.array([[[-1, 2.0], [1, 3.0]]])
+    )
 
 
 def test_residuals_over_strain_are_in_units_of_noise_and_a_curve_for_each_cycle() -> None:
@@ -100,7 +103,9 @@ def test_maps_are_in_micrometres_with_y_to_the_right_and_x_down() -> None:
 
 def test_pixels_off_the_region_stay_blank() -> None:
     rows, cols = np.array([0, 0, 1]), np.array([0, 1, 1])
-    image = maps.Face(rows, cols, 0.1, (0.0, 0.0), None).grid(np.array([1.0, 2.0, 3.0]))
+    image = maps.Face(rows, cols, 0.1, (0.0, 0.0), np.zeros((0, 2, 2))).grid(
+        np.array([1.0, 2.0, 3.0])
+    )
     assert np.array_equal(image, [[1.0, 2.0], [np.nan, 3.0]], equal_nan=True)
 
 
@@ -147,7 +152,7 @@ def test_the_grain_boundary_is_where_faces_of_two_grains_meet() -> None:
 
 def test_hexahedra_are_drawn_by_their_quadrilaterals() -> None:
     """Seen along −Z: the face, two cells to a layer; along Y the end with three quadrilaterals."""
-    geometry = PrismGeometry(boundary_point=(0, 5.4, 0), boundary_normal=(0.15, 1, 0.30))
+    geometry = PrismGeometry(boundaries=(GrainBoundary((0, 5.4, 0), (0.15, 1, 0.30)),))
     mesh = generate(geometry, 3.0, "hex20", (2, 3))
     for towards, group in (((0.0, 0.0, 1.0), "TOP"), ((0.0, 1.0, 0.0), "S_PLUS")):
         faces, owner = maps.visible_faces(mesh.points, mesh.cells, np.array(towards))

@@ -90,7 +90,7 @@ def test_the_mesh_moves_with_the_motion_as_often_enlarged_as_the_legend_says(
 
 def test_a_pixel_is_drawn_where_its_motion_has_taken_it() -> None:
     rows, cols = np.meshgrid([4, 5, 6], [2, 3], indexing="ij")
-    face = Face(rows.ravel(), cols.ravel(), 0.1, (5.0, 2.0), None)
+    face = Face(rows.ravel(), cols.ravel(), 0.1, (5.0, 2.0), np.zeros((0, 2, 2)))
     motion = np.tile([0.03, -0.01], (6, 1))
     corners = maps.moved_corners(face, motion)
     assert corners.shape == (4, 3, 2)
@@ -99,7 +99,7 @@ def test_a_pixel_is_drawn_where_its_motion_has_taken_it() -> None:
 
 
 def test_off_the_region_corners_move_with_the_nearest_pixel_and_stay_blank() -> None:
-    face = Face(np.array([0, 0, 1]), np.array([0, 1, 1]), 1.0, (0.0, 0.0), None)
+    face = Face(np.array([0, 0, 1]), np.array([0, 1, 1]), 1.0, (0.0, 0.0), np.zeros((0, 2, 2)))
     corners = maps.moved_corners(face, np.tile([0.25, 0.5], (3, 1)))
     assert np.isfinite(corners).all()
     assert corners[2, 0] == pytest.approx([1.75, 0.0])
@@ -111,7 +111,7 @@ def test_an_image_of_many_pixels_is_drawn_coarser(
     measured: MeasuredMotion, n_rows: int, n_cols: int
 ) -> None:
     rows, cols = np.meshgrid(np.arange(n_rows), np.arange(n_cols), indexing="ij")
-    face = Face(rows.ravel(), cols.ravel(), PIXEL, (0.0, 0.0), None)
+    face = Face(rows.ravel(), cols.ravel(), PIXEL, (0.0, 0.0), np.zeros((0, 2, 2)))
     heights = np.random.default_rng(1).standard_normal((n_rows, n_cols))
     motion = np.zeros((len(PEAKS), rows.size, 3))
     motion[..., 0] = rows.ravel() / 1e4

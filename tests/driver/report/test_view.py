@@ -4,6 +4,7 @@ import pytest
 from driver.report.packed_arrays import unpack
 from driver.report.specimen_surface import specimen_surface
 from driver.report.view import shown_images, view_of_findings
+from meshes.grain_boundary import GrainBoundary
 from meshes.prism import PrismGeometry, generate
 from tests.driver.invented_results import KNOTS, PEAKS, STAGE, Results
 
@@ -30,7 +31,9 @@ def test_motion_is_in_nanometres_without_its_mean_and_loads_are_those_of_the_ima
 
 
 def test_the_surface_of_the_specimen_closes_and_has_its_area() -> None:
-    mesh = generate(PrismGeometry(12.0, 4.0, 3.0, (0.0, 5.0, 0.0), (0.0, 1.0, 0.0)), 2.0)
+    mesh = generate(
+        PrismGeometry(12.0, 4.0, 3.0, (GrainBoundary((0.0, 5.0, 0.0), (0.0, 1.0, 0.0)),)), 2.0
+    )
     surface = specimen_surface(mesh)
     assert surface is not None
     points = surface["points"][0]

@@ -23,6 +23,7 @@ from driver.experiment.history import History, turning_points
 from driver.forward.build import geometry_of
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
+from meshes.grain_boundary import GrainBoundary
 from tools import closed_form
 from tools.closed_form_diagnosis import diagnosis_of, identified
 
@@ -51,7 +52,7 @@ def with_motion(there: NDArray[np.bool_], then: NDArray[np.bool_], size: float) 
 
 
 def test_the_places_of_the_face_are_where_their_names_say() -> None:
-    geometry = replace(GEOMETRY, boundary_point=(0.0, 2.0, 0.0), boundary_normal=(0.0, 1.0, 1.0))
+    geometry = replace(GEOMETRY, boundaries=(GrainBoundary((0.0, 2.0, 0.0), (0.0, 1.0, 1.0)),))
     places = places_on(geometry, XY)
     y = XY[:, 1]
     assert set(places) == {"grain 1", "grain 2", "the grain boundary", "the end S−", "the end S+",
@@ -60,8 +61,18 @@ def test_the_places_of_the_face_are_where_their_names_say() -> None:
     assert np.abs(y[places["the grain boundary"]] - 2.0).max() <= 0.5
     assert y[places["the end S−"]].max() < 0.5 and y[places["the end S+"]].min() > 3.5
     assert np.abs(XY[places["the long edges"], 0]).min() > 0.75
-    single = places_on(replace(geometry, boundary_point=None, boundary_normal=None), XY)
+    single = places_on(replace(geometry, boundaries=()), XY)
     assert single["the face"].all() and "grain 1" not in single
+
+
+def test_each_of_three_grains_and_of_their_boundaries_is_a_place() -> None:
+    planes = tuple(GrainBoundary((0.0, y, 0.0), (0.0, 1.0, 0.0)) for y in (1.4, 2.7))
+    places, y = places_on(replace(GEOMETRY, boundaries=planes), XY), XY[:, 1]
+    assert {"grain 1", "grain 2", "grain 3", "grain boundary 1", "grain boundary 2"} < set(places)
+    assert y[places["grain 1"]].max() < 0.9
+    assert 1.9 < y[places["grain 2"]].min() and y[places["grain 2"]].max() < 2.2
+    assert y[places["grain 3"]].min() > 3.2
+    assert np.abs(y[places["grain boundary 2"]] - 2.7).max() <= 0.5
 
 
 def test_the_phases_of_a_test_are_those_of_its_stage() -> None:

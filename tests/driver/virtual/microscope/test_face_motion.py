@@ -7,6 +7,7 @@ import pytest
 
 from driver.virtual.microscope.face_motion import Face, NodalMotion
 from meshes.arrays import FloatArray
+from meshes.grain_boundary import GrainBoundary
 from meshes.prism import CellKind, PrismGeometry, generate
 from meshes.surface import trace
 
@@ -44,7 +45,7 @@ def test_beyond_an_edge_the_motion_is_that_of_the_edge(face: Face) -> None:
 
 def test_slopes_on_cells_that_lean_are_difference_quotients() -> None:
     """Trapezia of quad8, whose map is not linear."""
-    leaning = PrismGeometry(4.0, 2.0, 1.7, (0.0, 2.0, 0.0), (0.4, 1.0, 0.2))
+    leaning = PrismGeometry(4.0, 2.0, 1.7, (GrainBoundary((0.0, 2.0, 0.0), (0.4, 1.0, 0.2)),))
     face = Face(trace(generate(leaning, 0.8, "hex20")))
     nodal = np.random.default_rng(2).normal(size=(len(face.mesh.points), 3))
     motion = NodalMotion(face, nodal)

@@ -8,6 +8,7 @@ import pytest
 from driver.virtual.microscope.face_motion import Face
 from driver.virtual.microscope.slip_steps import SlipSteps, cells_below, slip_steps
 from meshes.arrays import FloatArray
+from meshes.grain_boundary import GrainBoundary
 from meshes.prism import CellKind, PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import trace
@@ -19,7 +20,7 @@ SLIP = 0.01
 
 @pytest.fixture(scope="module", params=get_args(CellKind))
 def mesh(request: pytest.FixtureRequest) -> PrismMesh:
-    geometry = PrismGeometry(4.0, 2.0, 1.7, (0.0, 2.0, 0.0), (0.1, 1.0, 0.2))
+    geometry = PrismGeometry(4.0, 2.0, 1.7, (GrainBoundary((0.0, 2.0, 0.0), (0.1, 1.0, 0.2)),))
     return generate(geometry, 0.8, request.param)
 
 

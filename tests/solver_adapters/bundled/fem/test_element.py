@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from meshes.grain_boundary import GrainBoundary
 from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.bundled.fem.element import (
@@ -127,7 +128,7 @@ def test_only_a_body_one_hexahedron_wide_moves_without_strain() -> None:
     shapes = {(1, 1, 1): 6, (1, 2, 1): 1 + 2, (1, 4, 1): 3 + 2, (2, 2, 1): 0, (2, 2, 2): 0}
     for shape, more in shapes.items():
         assert _motions_without_strain(hex_box(shape)) == 6 + more
-    tilted = PrismGeometry(boundary_point=(0, 5.4, 0), boundary_normal=(0.15, 1, 0.30))
+    tilted = PrismGeometry(boundaries=(GrainBoundary((0, 5.4, 0), (0.15, 1, 0.30)),))
     for geometry, layers in ((PrismGeometry(), (1, 0)), (tilted, (1, 1))):
         mesh = generate(geometry, 4.0, "hex20", layers)
         assert len(mesh.cells) == 3 * sum(layers)
