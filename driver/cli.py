@@ -145,6 +145,12 @@ def init(
         str | None,
         typer.Option(metavar="NAME", help="EBSD map of both grains, of EDAX, Oxford or Bruker"),
     ] = None,
+    noise_nm: Annotated[
+        float | None,
+        typer.Option(
+            metavar="NM", help="noise of a pixel, where there are no images before loading"
+        ),
+    ] = None,
 ) -> None:
     """Write a commented case.toml, and its schema for editors, into DIR.
 
@@ -157,7 +163,8 @@ def init(
         for file in (path, schema):
             if file.exists() or file.is_symlink():
                 raise CaseError(sentence(file, "file", "a file", "none: it is not overwritten"))
-        case = new_case(path, NewFiles(frames, repeats, flats, history, ebsd), crystal, shape)
+        named = NewFiles(frames, repeats, flats, history, ebsd, noise_nm)
+        case = new_case(path, named, crystal, shape)
         folder.mkdir(parents=True, exist_ok=True)
         write_case(case, path)
         write_whole(schema, schema_text())

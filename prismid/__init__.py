@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from driver.common.errors import InputError
     from driver.common.progress import progress_to
     from driver.dic.correlation import Correlation, Options, correlate
+    from driver.dic.incremental import IncrementalCorrelation, correlate_incrementally
     from driver.experiment.orientations import orientations_of
     from driver.results.files import results_of
     from driver.results.hdf5 import read_hdf5
@@ -41,6 +42,7 @@ __all__ = [
     "Case",
     "Correlation",
     "Finding",
+    "IncrementalCorrelation",
     "InputError",
     "Material",
     "MaterialPointCurve",
@@ -51,6 +53,7 @@ __all__ = [
     "changed",
     "check",
     "correlate",
+    "correlate_incrementally",
     "default_case",
     "export_case",
     "figures",
@@ -73,6 +76,7 @@ _MODULES = {
     "Case": "driver.case.model",
     "Correlation": "driver.dic.correlation",
     "Finding": "driver.check.check_result",
+    "IncrementalCorrelation": "driver.dic.incremental",
     "InputError": "driver.common.errors",
     "Material": "solver_adapters.material",
     "MaterialPointCurve": "solver_adapters.bundled.material_point",
@@ -83,6 +87,7 @@ _MODULES = {
     "changed": "prismid.cases",
     "check": "prismid.stages",
     "correlate": "driver.dic.correlation",
+    "correlate_incrementally": "driver.dic.incremental",
     "default_case": "driver.case.model",
     "export_case": "prismid.stages",
     "figures": "prismid.pictures",

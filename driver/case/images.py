@@ -26,7 +26,10 @@ class Images(Table):
         'images; needed with boundary.motion = "images"',
     )
     flats: FileName | None = Field(default=None, description="images of a flat reference surface")
-    repeats: FileName | None = Field(default=None, description="repeated images before loading")
+    repeats: FileName | None = Field(
+        default=None,
+        description="repeated images before loading; without them noise_nm has to be stated",
+    )
     pixel_size_nm: Positive = Field(default=110.0, description="side of a pixel")
     height_per_level_nm: Positive = Field(default=6.5, description="height of one digital level")
     height_offset_nm: Number = Field(default=0.0, description="height of level 0")
@@ -56,7 +59,9 @@ class Images(Table):
         default="mask", description="what becomes of isolated spikes in the repeats"
     )
     noise_nm: Positive = Field(
-        default=9.0, description="nominal standard deviation of the height noise"
+        default=9.0,
+        description="standard deviation of the height noise at a pixel: nominal, or without "
+        "repeats the one that is used",
     )
 
     @property

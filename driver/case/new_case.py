@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+import numpy as np
+
 from driver.case.grains import Grain
 from driver.case.history import HistoryTable
 from driver.case.images import Images
@@ -24,6 +26,7 @@ class NewFiles:
         flats: those of a flat surface.
         history: the log.
         ebsd: EBSD map of both grains; None for Bunge angles.
+        noise_nm: noise of a pixel, by which repeats that are not named are left out.
     """
 
     frames: str | None = None
@@ -31,13 +34,14 @@ class NewFiles:
     flats: str | None = None
     history: str | None = None
     ebsd: str | None = None
+    noise_nm: float | None = None
 
 
 def new_case(path: Path, files: NewFiles, crystal: Crystal = "bcc", shape: Shape = "prism") -> Case:
     """Return the default case with these files.
 
     Flats that are not named are left out where frames are: of another kind of file the heights
-    are of another kind, too.
+    are of another kind, too. Repeats that are not named are left out where the noise is stated.
 
     Args:
         path: the case file that is to be written.
@@ -46,18 +50,22 @@ def new_case(path: Path, files: NewFiles, crystal: Crystal = "bcc", shape: Shape
         shape: of the specimen.
 
     Raises:
-        CaseError: a name is empty.
+        CaseError: a name is empty, or the noise no number above 0.
         InputError: an installed term of the user's own cannot be used.
     """
     for field in fields(files):
         if getattr(files, field.name) == "":
             raise CaseError(sentence(path, f"--{field.name}", "nothing", "the name of a file"))
+    noise, repeats = files.noise_nm, files.repeats
+    if noise is not None and not 0 < noise < np.inf:
+        raise CaseError(sentence(path, "--noise-nm", f"{noise:g}", "a number > 0"))
     case = default_case(crystal, shape)
     of_case: dict[str, object] = {}
-    if files.frames or files.repeats or files.flats:
+    if files.frames or repeats or files.flats or noise is not None:
         of_case["images"] = Images(
             frames=files.frames or case.images.frames,
-            repeats=files.repeats or case.images.repeats,
+            repeats=repeats or (case.images.repeats if noise is None else None),
+            noise_nm=case.images.noise_nm if noise is None else noise,
             flats=files.flats or (None if files.frames else case.images.flats),
         )
     if files.history:

@@ -13,17 +13,21 @@ from driver.dic.basis import grid_basis
 from driver.dic.resolution_check import refuse_too_fine
 from driver.experiment.images.flatfield import FlatField, flat_pattern
 from driver.experiment.images.heightmaps import on_surface
-from driver.experiment.images.outliers import find_outliers, frame_statistics, texts_by_frame
+from driver.experiment.images.outliers import (
+    find_outliers,
+    frame_statistics,
+    texts_by_frame,
+    without,
+)
 from driver.experiment.images.reference import Reference, corrected
 from driver.experiment.images.region import Excluded
+from driver.experiment.images.stated_noise import CONTRADICTS, COST
 from driver.experiment.reading import Experiment
 from driver.forward.build import correlation_meshes, reference_of, used_face
 from meshes.plane_mesh import PlaneMesh
 
 # Share of the measured face without a height (a trench) before the origin is in doubt.
 _TRENCH_SHARE = 0.05
-# Measured over nominal noise, before one of the two is in doubt.
-_NOISE_RATIO = 1.5
 # Error of the flat pattern over the noise, above which it shows in the residuals (by 5 %).
 _FLAT_SHARE = 0.3
 
@@ -110,6 +114,20 @@ def _surface(case: Case, reference: Reference, flat: FlatField | None) -> Iterat
         f"{count[Excluded.TRENCH]} at trenches, {count[Excluded.MASK]} by the mask and "
         f"{count[Excluded.DUST]} as dust",
     )
+    if case.images.repeats is None:
+        yield Finding("warning", "noise", f"{case.images.noise_nm:g} nm as stated: {COST}")
+    else:
+        yield from _noise_of_repeats(case, reference)
+    if flat is not None:
+        size = f"{1e3 * np.std(flat.pattern):.2f} ± {1e3 * flat.sigma:.2f} nm rms"
+        loud = flat.sigma > _FLAT_SHARE * reference.noise.sigma
+        more = ": its error shows in the residuals, take more flats" if loud else ""
+        yield Finding(
+            "warning" if loud else "ok", "images", f"fixed pattern of {flat.n} flats {size}{more}"
+        )
+
+
+def _noise_of_repeats(case: Case, reference: Reference) -> Iterator[Finding]:
     noise = reference.noise
     sigma, error = 1e3 * noise.sigma, 1e3 * noise.sigma / np.sqrt(2 * noise.dof)
     moved = ", registered: they moved" if reference.registered else ""
@@ -120,19 +138,12 @@ def _surface(case: Case, reference: Reference, flat: FlatField | None) -> Iterat
         f"freedom{moved})",
     )
     nominal = case.images.noise_nm
-    if not 1 / _NOISE_RATIO < sigma / nominal < _NOISE_RATIO:
+    if not 1 / CONTRADICTS < sigma / nominal < CONTRADICTS:
         yield Finding(
             "warning",
             "noise",
             f"images.noise_nm: found {nominal:g}, expected about the {sigma:.2f} that the repeats "
             "scatter by; look whether height_per_level_nm is right",
-        )
-    if flat is not None:
-        size = f"{1e3 * np.std(flat.pattern):.2f} ± {1e3 * flat.sigma:.2f} nm rms"
-        loud = flat.sigma > _FLAT_SHARE * noise.sigma
-        more = ": its error shows in the residuals, take more flats" if loud else ""
-        yield Finding(
-            "warning" if loud else "ok", "images", f"fixed pattern of {flat.n} flats {size}{more}"
         )
 
 
@@ -187,7 +198,7 @@ def _frames(
         return
     largest = np.abs(seen.shift[:, :2]).max() / pixel
     yield Finding("ok", "images", f"the stage moved the frames by up to {largest:.1f} px")
-    for frame, what in texts_by_frame(
-        find_outliers(1e3 * seen.residual, seen.noise, seen.shift, pixel, "nm")
-    ).items():
+    found = find_outliers(1e3 * seen.residual, seen.noise, seen.shift, pixel, "nm")
+    is_reference = (np.arange(len(seen.noise)) == 0) & (experiment.repeats is None)
+    for frame, what in texts_by_frame(without(is_reference, found)).items():
         yield Finding("warning", "images", f"frame {frame} is unlike its neighbours: {what}")

@@ -178,7 +178,7 @@ def correlate(
         ImageError: shapes that differ, nothing left to correlate, or impossible parameters.
     """
     options = options or Options()
-    f, stack = _checked(reference, images, pixel, sigma, n_reference)
+    f, stack = checked(reference, images, pixel, sigma, n_reference)
     region = _region(f, mask)
     f = _gapless(f)
     basis_uv, basis_w, rows, cols = _bases(region, pixel, mesh_uv, mesh_w)
@@ -214,13 +214,25 @@ def correlate(
     return Correlation(**vars(solution), shape=(f.shape[0], f.shape[1]))
 
 
-def _checked(
+def checked(
     reference: NDArray[Any],
     images: NDArray[Any] | Sequence[NDArray[Any]],
     pixel: float,
     sigma: float | None,
     n_reference: int,
 ) -> tuple[FloatArray, list[FloatArray]]:
+    """Return the heights of the reference and of the images, NaN where there are none.
+
+    Args:
+        reference: as of `correlate`.
+        images: as of `correlate`.
+        pixel: as of `correlate`.
+        sigma: as of `correlate`.
+        n_reference: as of `correlate`.
+
+    Raises:
+        ImageError: shapes that differ, no image, or an impossible pixel or noise.
+    """
     f = _heights("reference", reference)
     if f.ndim != 2:
         raise ImageError(f"reference of shape {f.shape}; (rows, cols) is expected.")
@@ -266,6 +278,31 @@ def _region(f: FloatArray, mask: NDArray[Any] | None) -> BoolArray:
     if np.ptp(f[region]) == 0:
         raise ImageError("the reference has no relief inside the mask: motion cannot be seen.")
     return np.asarray(region)
+
+
+def region_and_bases(
+    f: FloatArray,
+    mask: NDArray[Any] | None,
+    pixel: float,
+    mesh_uv: PlaneMesh | float,
+    mesh_w: PlaneMesh | float,
+) -> tuple[BoolArray, Basis, Basis]:
+    """Return the pixels that `correlate` uses, shape (rows, cols), and its bases at them.
+
+    Args:
+        f: reference with its gaps, shape (rows, cols).
+        mask: as of `correlate`.
+        pixel: as of `correlate`.
+        mesh_uv: as of `correlate`.
+        mesh_w: as of `correlate`.
+
+    Raises:
+        ImageError: nothing is left to correlate.
+    """
+    basis_uv, basis_w, rows, cols = _bases(_region(f, mask), pixel, mesh_uv, mesh_w)
+    used = np.zeros(f.shape, dtype=bool)
+    used[rows, cols] = True
+    return used, basis_uv, basis_w
 
 
 def _given(start: NDArray[Any], shape: tuple[int, ...]) -> FloatArray:

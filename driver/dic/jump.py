@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
+from scipy.signal import fftconvolve
 
 from driver.dic.system import System
 from driver.experiment.images.rigid import phase_correlation
@@ -14,6 +15,7 @@ from meshes.arrays import FloatArray
 
 JUMP = 0.5  # px; a smaller shift between two images is left to Gauss–Newton
 TURNS = 4.0  # degrees between the angles that are tried
+_FLAT = 1e-6  # of the squares of an image, below which a part of it has no relief
 REMEMBERED = 3  # images before, beside the reference: two in turn may show something else
 
 
@@ -71,6 +73,32 @@ class Trail:
         return [before.p, before.p + jump]
 
 
+def far_shift(
+    system: System, reference: FloatArray, image: FloatArray, box: tuple[slice, slice]
+) -> FloatArray:
+    """Return the shift at which the pixels of the system lie anywhere inside the image.
+
+    Phase correlation over their box finds shifts below half of it; normalised cross-correlation
+    with the whole image finds all that leave the box inside.
+
+    Args:
+        system: equations of the images, in pixels of the reference.
+        reference: heights without gaps, shape (rows, cols).
+        image: the same of the image.
+        box: rows and columns around the pixels of the system.
+    """
+    patch = reference[box] - reference[box].mean()
+    seen = image - image.mean()
+    ones = np.ones(patch.shape)
+    total, squares = (fftconvolve(part, ones, mode="valid") for part in (seen, seen**2))
+    spread = np.maximum(squares - total**2 / patch.size, _FLAT * float(np.sum(seen**2)))
+    alike = fftconvolve(seen, patch[::-1, ::-1], mode="valid") / np.sqrt(spread)
+    at = np.unravel_index(int(alike.argmax()), alike.shape)
+    u, v = (int(place) - part.start for place, part in zip(at, box, strict=True))
+    n = system.n_uv
+    return np.repeat(np.array([u, v, 0.0], dtype=np.float64), [n, n, system.size - 2 * n])
+
+
 def best_turn(
     system: System,
     reference: FloatArray,
@@ -79,6 +107,8 @@ def best_turn(
     spline: FloatArray,
 ) -> FloatArray:
     """Return the rigid motion in the plane that leaves least, of turns by all angles.
+
+    Shifts beyond half of the box are not tried with a turn.
 
     Args:
         system: equations of the images, in pixels of the reference.

@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from driver.common.splines.kernels import coefficients, slopes_at
 from driver.dic.basis import GridBasis, grid_basis
-from driver.dic.jump import Trail, best_turn
+from driver.dic.jump import Trail, best_turn, far_shift
 from driver.dic.kernels import binned
 from driver.dic.regularisation import penalties
 from driver.dic.system import Pixels, System
@@ -72,8 +72,8 @@ class Starter:
 
         An image starts from where one before it ended, or that with the shift between the two
         added, whichever leaves least; the coarse motion is followed through all images, but for
-        those that do not converge. Where that leaves most of the relief, turns of any angle are
-        tried as well.
+        those that do not converge. Where that leaves most of the relief, shifts to anywhere in
+        the image and turns of any angle are tried as well.
 
         Args:
             images: g without gaps, each of shape (rows, cols).
@@ -96,7 +96,11 @@ class Starter:
                 starts.append(_values(last, end.p, nodes_uv, nodes_w))
                 continue
             end = self._descended(splines, trail.start(small[box], splines[0]))
-            if end.left > LEFT * float(np.std(last.system.pixels.height)):
+            most = LEFT * float(np.std(last.system.pixels.height))
+            if end.left > most:
+                far = self._descended(splines, far_shift(top.system, reference, small, box))
+                end = far if far.left <= most else end
+            if end.left > most:
                 turned = best_turn(top.system, reference, small, box, splines[0])
                 again = self._descended(splines, turned)
                 end = again if again.left < end.left else end

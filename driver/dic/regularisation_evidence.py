@@ -96,6 +96,8 @@ class Evidence:
         for k in np.flatnonzero(self.free):
             part, least = system.parts[k], leasts[k]
             rank = self.ranks[k]
+            if not rank:  # a mesh of one element, which nothing can bend
+                continue
             decided = max(rank - system.weights[k] * traces[k], 1.0)
             energy = max(float(np.sum(p.T * (part @ p.T))) / len(p), 0.0)
             drift[k] = np.log(max(np.sqrt(energy / decided), least)) - now[k]

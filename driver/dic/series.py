@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -92,6 +92,21 @@ class SurfaceMotion:
         """u, v, w at the pixels in all frames [µm], shape (T, n_pix, 3)."""
         return self.fields[np.arange(len(self.coefficients))]
 
+    def after_reference(self) -> SurfaceMotion:
+        """Return the motion with the reference itself before it, which stands still."""
+        n_pix = self.compared.shape[1]
+        return replace(
+            self,
+            coefficients=np.insert(self.coefficients, 0, 0.0, axis=0),
+            chi=np.insert(self.chi, 0, 0.0),
+            lost=np.insert(self.lost, 0, False),
+            gains=replace(self.gains, value=np.insert(self.gains.value, 0, 1.0)),
+            iterations=np.insert(self.iterations, 0, 0),
+            converged=np.insert(self.converged, 0, True),
+            reason=("the reference", *self.reason),
+            compared=np.concatenate([np.ones((1, n_pix), dtype=bool), self.compared]),
+        )
+
     def means(self) -> FloatArray:
         """Return the mean of u, v, w over the pixels in each frame [µm], shape (T, 3)."""
         n_uv = len(self.basis_uv.nodes)
@@ -108,7 +123,7 @@ def measure(
     workers: int = 1,
     penalty: Penalty | None = None,
 ) -> SurfaceMotion:
-    """Measure u, v, w of every frame against the reference.
+    """Measure u, v, w of every frame against the reference; one that is the reference has none.
 
     `engine.solve` with the gradient of all images, warped back, and no penalty of w. "tikhonov" and
     "equilibrium_gap" cost nothing for an affine motion, so a uniform elongation is not biased.
@@ -133,6 +148,10 @@ def measure(
     Raises:
         ImageError: more nodal values than the pixels can decide or memory has room for.
     """
+    if images.of_series:
+        alone = images.without_reference()
+        later = measure(alone, size_uv, size_w, roughness, workers, penalty)
+        return later.after_reference()
     pixel, n_reference = images.pixel, images.n_reference
     basis_uv = basis_on(images.xy, images.bounds, size_uv or ELEMENT_UV * pixel)
     basis_w = basis_on(images.xy, images.bounds, size_w or ELEMENT_W * pixel)

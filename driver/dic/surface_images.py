@@ -20,7 +20,12 @@ from driver.experiment.images.heightmaps import (
     fill_off_surface,
     on_surface,
 )
-from driver.experiment.images.reference import Reference, build_reference, corrected
+from driver.experiment.images.reference import (
+    Reference,
+    build_reference,
+    corrected,
+    stated_reference,
+)
 from driver.experiment.images.region import Bounds, CodeArray
 from meshes.arrays import BoolArray, FloatArray, IntArray
 
@@ -46,19 +51,22 @@ class FrameSplines:
     Attributes:
         frames: height maps of the series [µm].
         flat: fixed pattern to subtract, if known.
+        first: number of the first frame that is asked for.
     """
 
     frames: HeightMaps
     flat: FlatField | None
+    first: int = 0
 
     def __len__(self) -> int:
         """Return the number of frames."""
-        return len(self.frames)
+        return len(self.frames) - self.first
 
     def __getitem__(self, index: int, /) -> FloatArray:
         """Coefficients [µm], NaN where no height was measured, shape (rows, cols)."""
-        heights = self.frames[index]
-        spline: FloatArray = coefficients(corrected(heights, self.flat, f"frame {index}"))
+        number = self.first + index
+        heights = self.frames[number]
+        spline: FloatArray = coefficients(corrected(heights, self.flat, f"frame {number}"))
         mark_gaps(spline, heights)
         return spline
 
@@ -71,7 +79,8 @@ class SurfaceImages:
         xy: X, Y of the pixels in the reference [µm], shape (n_pix, 2).
         rows: row of each pixel, shape (n_pix,).
         cols: column of each pixel, shape (n_pix,).
-        reference: height f of each pixel, mean of the repeats [µm], shape (n_pix,).
+        reference: height f of each pixel, mean of the repeats or that of frame 0 [µm],
+            shape (n_pix,).
         gradient: ∂f/∂X, ∂f/∂Y at each pixel [-], shape (n_pix, 2).
         frames: the T images of the series, their coefficients NaN where no height was measured;
             of a long series they are made anew whenever they are asked for, see `blocks`.
@@ -81,12 +90,14 @@ class SurfaceImages:
         pixel: size of a pixel [µm].
         bounds: rectangle (x0, x1, y0, y1) that was asked for [µm].
         reference_image: the whole reference [µm], extended over trenches, shape (rows, cols).
-        noise_dof: degrees of freedom behind `sigma`.
+        noise_dof: degrees of freedom behind `sigma`, 0 where it is stated.
         sigma_flat: standard error of the flat pattern that was subtracted [µm].
         flat_error: the same at each pixel [µm], shape (rows, cols).
         flat_pattern: that pattern without its noise [µm], shape (rows, cols), None without flats.
         flat_noise: its noise, which by subtraction is in every image [µm], shape (rows, cols).
         codes: what becomes of each pixel, values of `Excluded`, shape (rows, cols).
+        of_series: whether the reference is frame 0 of the series, for want of repeats: that frame
+            says nothing of itself.
     """
 
     xy: FloatArray
@@ -107,18 +118,36 @@ class SurfaceImages:
     flat_pattern: FloatArray | None
     flat_noise: FloatArray
     codes: CodeArray
+    of_series: bool = False
 
     @property
     def n_frames(self) -> int:
         """Number T of images in the series."""
         return len(self.frames.coefficients)
 
+    @property
+    def is_reference(self) -> BoolArray:
+        """Frames that are the reference, shape (T,)."""
+        return np.asarray((np.arange(self.n_frames) == 0) & self.of_series)
+
+    def without_reference(self) -> SurfaceImages:
+        """Return the series without the frame that is its reference, if there is one."""
+        if not self.of_series:
+            return self
+        every = self.frames.coefficients
+        if isinstance(every, FrameSplines):
+            later: FloatArray | FrameSplines = replace(every, first=every.first + 1)
+        else:
+            later = np.asarray(every)[1:]
+        return replace(self, frames=replace(self.frames, coefficients=later), of_series=False)
+
     def only(self, index: IntArray) -> SurfaceImages:
         """Return some frames of the series, their splines kept in memory."""
         kept = np.empty((len(index), *self.shape))
         for place, t in enumerate(index.tolist()):
             kept[place] = self.frames.coefficients[t]
-        return replace(self, frames=replace(self.frames, coefficients=kept))
+        with_first = self.of_series and index[:1].tolist() == [0]
+        return replace(self, frames=replace(self.frames, coefficients=kept), of_series=with_first)
 
     def kept(self) -> SurfaceImages:
         """Return the series with the splines of all its frames kept in memory."""
@@ -206,34 +235,37 @@ class SurfaceImages:
 
 def prepare(
     frames: HeightMaps,
-    repeats: FloatArray,
+    repeats: FloatArray | None,
     flat: FlatField | None,
     pixel: float,
     origin: tuple[float, float],
     bounds: Bounds,
     mask: BoolArray | None = None,
     mask_dust: bool = True,
+    stated_noise: float = 0.0,
 ) -> SurfaceImages:
     """Correct the images and gather what correlation needs.
 
     The flat pattern is subtracted; repeats that moved significantly are registered to the
     first one; pixels that a repeat lacks are, with a margin, kept out of the region of interest,
-    as is dust; what a frame lacks is left out of that frame alone, see `mark_gaps`.
+    as is dust; without repeats frame 0 stands for them; what a frame lacks is left out of that
+    frame alone, see `mark_gaps`.
 
     Args:
         frames: height maps of the series [µm]; they are read whenever they are needed.
-        repeats: height maps of the unloaded surface [µm], shape (n, rows, cols).
+        repeats: height maps of the unloaded surface [µm], shape (n, rows, cols), or None.
         flat: fixed pattern to subtract, if known.
         pixel: size of a pixel [µm].
         origin: (row, column) of X = 0, Y = 0 in the repeats.
         bounds: rectangle (x0, x1, y0, y1) of the region of interest [µm].
         mask: pixels that may be used, shape (rows, cols); all if None.
         mask_dust: whether isolated spikes of the repeats are left out.
+        stated_noise: noise of an image at a pixel [µm], where there are no repeats.
 
     Raises:
         ImageError: sizes that differ, a frame without heights, or an empty region of interest.
     """
-    shape = repeats.shape[1:]
+    shape = frames.shape[1:] if repeats is None else repeats.shape[1:]
     for name, found in (
         ("frames", frames.shape[1:]),
         ("flat pattern", shape if flat is None else flat.pattern.shape),
@@ -241,13 +273,18 @@ def prepare(
     ):
         if found != shape:
             raise ImageError(f"{name} of {found} px, but the repeats have {shape} px.")
-    reference = build_reference(repeats, flat, pixel, origin, bounds, mask, mask_dust)
+    place = flat, pixel, origin, bounds, mask, mask_dust
+    if repeats is None:
+        reference = stated_reference(frames[0], stated_noise, *place)
+    else:
+        reference = build_reference(repeats, *place)
     smooth = ndimage.gaussian_filter(reference.heights, SMOOTHING)
     for t, heights in enumerate(frames):
         if not on_surface(heights).any():
             raise ImageError(f"frame {t}: no pixel carries a height (all empty).")
     splines = SplineImages(FrameSplines(frames, flat), pixel, origin)
     images = over_region(reference, splines, smooth, flat, bounds)
+    images = replace(images, of_series=repeats is None)
     return images if len(frames) * reference.heights.size > _KEPT else images.kept()
 
 
@@ -322,6 +359,7 @@ def refine_gradient(images: SurfaceImages, motion: PixelFields) -> SurfaceImages
     for index, some in images.blocks():
         fields = motion[index]
         weights = np.maximum(some._chi(fields), 1.0) ** -2.0
+        weights[images.is_reference[index]] = 0.0  # it counts as the reference
         for t, weight in enumerate(weights):
             carried = fields[t, on_ring]
             at = (places + carried[:, :2]).T

@@ -15,7 +15,7 @@ from driver.dic.basis import Basis
 from driver.dic.factor import DENSE, DenseFactor, Factor, Matrix, make_factor
 from driver.dic.kernels import cell_pairs, pair_hessians, residual_and_right_side
 from driver.dic.patterns import summed_dense, summed_sparse
-from driver.dic.turn import mean_turn, turned
+from driver.dic.turn import mean_gradient, mean_turn, turned
 from driver.experiment.images.heightmaps import ImageError
 from meshes.arrays import BoolArray, FloatArray
 
@@ -117,6 +117,7 @@ class System:
         self._used: list[int] = []
         self._sound: tuple[float, ...] = ()
         self._factor: Factor | None = None
+        self._traces: list[float] | None = None
 
     def at_heights(self, height: FloatArray) -> System:
         """Return the same equations, held against other heights f of the reference [µm], (n,)."""
@@ -126,7 +127,7 @@ class System:
 
     def weigh(self, weights: Sequence[float]) -> None:
         """Set the weights and factor A, with a ridge where it is singular or nearly so."""
-        self.weights, self.ridge = tuple(weights), 0.0
+        self.weights, self.ridge, self._traces = tuple(weights), 0.0, None
         # A part without weight is left out, as its pattern alone would fill the factor.
         used = [k for k, weight in enumerate(self.weights) if weight]
         if self._factor is None or used != self._used:
@@ -159,15 +160,15 @@ class System:
 
     def turn_of(self, p: FloatArray) -> float:
         """Return the angle by which nodal values turn the pixels, 0 where it is small [rad]."""
-        return mean_turn(self.basis_uv.nodes, self._told, p)
+        return mean_turn(self._mean_gradient, p)
 
     @cached_property
-    def _told(self) -> FloatArray:
-        """How much the pixels tell of each node of u and v, shape (n_uv,)."""
+    def _mean_gradient(self) -> FloatArray | None:
+        """What gives the mean gradient of u and v, each node by how much the pixels tell of it."""
         uv = self.basis_uv
         nodes, share = uv.mesh.cells[uv.cell], np.abs(uv.shape)
         told = np.bincount(nodes.ravel(), share.ravel(), minlength=self.n_uv)
-        return told.astype(np.float64)
+        return mean_gradient(uv.nodes, told.astype(np.float64))
 
     def penalty_force(self, p: FloatArray) -> FloatArray:
         """Σ a_k R_k p, shape (n,)."""
@@ -189,6 +190,11 @@ class System:
         D A D of unit diagonal. Motion and height have units of their own, and without D the one
         that has the larger numbers would drown the trace of the other.
         """
+        if self._traces is None:
+            self._traces = self._new_traces()
+        return self._traces
+
+    def _new_traces(self) -> list[float]:
         values = [0.0] * len(self.parts)
         if not self._used:
             return values

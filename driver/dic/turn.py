@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import atan2
+
 import numpy as np
 
 from meshes.arrays import FloatArray
@@ -9,25 +11,39 @@ from meshes.arrays import FloatArray
 _TURNED = np.radians(6.0)  # less slows the iteration down by a tenth
 
 
-def mean_turn(nodes: FloatArray, weights: FloatArray, p: FloatArray) -> float:
-    """Angle of the rotation in the mean gradient of a motion, 0 where it is small [rad].
+def mean_gradient(nodes: FloatArray, weights: FloatArray) -> FloatArray | None:
+    """Return what gives the mean gradient of a motion from its nodal values, shape (2, n_uv).
 
     Args:
         nodes: X, Y of the nodes of u and v, shape (n_uv, 2).
         weights: how much the pixels tell of each node, shape (n_uv,).
+
+    Returns:
+        None where the nodes lie on a line.
+    """
+    places = nodes - weights @ nodes / weights.sum()
+    weighted = places.T * weights
+    spread = weighted @ places
+    if not np.linalg.det(spread) > 0.0:
+        return None
+    return np.asarray(np.linalg.solve(spread, weighted))
+
+
+def mean_turn(gradient: FloatArray | None, p: FloatArray) -> float:
+    """Angle of the rotation in the mean gradient of a motion, 0 where it is small [rad].
+
+    Args:
+        gradient: of `mean_gradient`.
         p: nodal values [u | v | w] in the unit of the nodes, shape (n,).
 
     Returns:
         Positive from X to Y.
     """
-    n = len(nodes)
-    places = nodes - weights @ nodes / weights.sum()
-    weighted = places.T * weights
-    spread = weighted @ places
-    if not np.linalg.det(spread) > 0.0:  # nodes on a line
+    if gradient is None:
         return 0.0
-    along_x, along_y = np.linalg.solve(spread, weighted @ p[: 2 * n].reshape(2, n).T)
-    angle = float(np.arctan2(along_x[1] - along_y[0], 2.0 + along_x[0] + along_y[1]))
+    n = gradient.shape[1]
+    along_x, along_y = (gradient @ p[: 2 * n].reshape(2, n).T).tolist()
+    angle = atan2(along_x[1] - along_y[0], 2.0 + along_x[0] + along_y[1])
     return angle if abs(angle) > _TURNED else 0.0
 
 

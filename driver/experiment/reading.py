@@ -53,7 +53,7 @@ class Experiment:
         mask: true where pixels are used, shape (rows, columns), or None for all of them.
         history: times, stage travel and cycles.
         force: force on the specimen at each image [µN], shape (n_images,).
-        gamma_f: nominal standard deviation of the height noise [µm].
+        gamma_f: nominal standard deviation of the height noise [µm]; without repeats the noise.
         gamma_F: standard deviation of the load noise at the specimen [µN].
         clipped: number of pixels of `frames` at the largest level of their type.
         noise_map: noise of each pixel, on any scale, shape (rows, columns), or None for even noise.
@@ -216,10 +216,6 @@ def read_unloaded(case: Case, history: History) -> Experiment | None:
     )
 
 
-NO_REPEATS = (
-    "images.repeats: found nothing, expected repeated images of the unloaded surface "
-    "(their mean is the reference, their scatter the noise)"
-)
 NO_FRAMES = 'images.frames: found nothing (boundary.motion = "stage" does without), expected images'
 
 
@@ -227,11 +223,11 @@ def refuse_absent_images(case: Case) -> None:
     """Refuse a case whose images are not named or not there, before anything is computed.
 
     Raises:
-        ExperimentError: frames or repeats are not named, or a file is not there; a line each.
+        ExperimentError: frames are not named, or a file is not there; a line each.
     """
     problems: list[str] = []
     for key, missing in (
-        ("frames", NO_FRAMES), ("repeats", NO_REPEATS), ("flats", ""), ("mask", ""),
+        ("frames", NO_FRAMES), ("repeats", ""), ("flats", ""), ("mask", ""),
         ("noise_map", ""),
     ):  # fmt: skip
         name: str | None = getattr(case.images, key)

@@ -15,9 +15,9 @@ from driver.dic.region import pixels_on, within
 from driver.dic.surface_images import SurfaceImages, prepare
 from driver.experiment.history import History, knot_weights
 from driver.experiment.images.flatfield import FlatField, flat_pattern
-from driver.experiment.images.reference import Reference, build_reference
+from driver.experiment.images.reference import Reference, build_reference, stated_reference
 from driver.experiment.orientations import orientations_of, rotation_scales
-from driver.experiment.reading import NO_REPEATS, Experiment
+from driver.experiment.reading import Experiment
 from driver.forward.boundary_motion import BoundaryMotion
 from driver.forward.instrument import Instrument
 from driver.forward.mesh_extrapolation import extrapolated_with
@@ -241,13 +241,14 @@ def surface_images(case: Case, experiment: Experiment) -> SurfaceImages:
     flat = None if experiment.flats is None else flat_pattern(experiment.flats)
     return prepare(
         experiment.frames,
-        _repeats(experiment),
+        experiment.repeats,
         flat,
         experiment.pixel_um,
         experiment.origin,
         bounds,
         mask,
         case.images.dust == "mask",
+        experiment.gamma_f,
     )
 
 
@@ -277,26 +278,18 @@ def _correlation_mesh(case: Case, key: str) -> PlaneMesh | None:
 
 
 def reference_of(case: Case, experiment: Experiment, flat: FlatField | None) -> Reference:
-    """Return the reference surface alone.
+    """Return the reference surface alone, without repeats that of image 0.
 
     Raises:
-        InputError: there are no repeats, or they show no part of the face.
+        InputError: it shows no part of the face.
     """
-    return build_reference(
-        _repeats(experiment),
-        flat,
-        experiment.pixel_um,
-        experiment.origin,
-        used_face(case),
-        experiment.mask,
+    place = (
+        flat, experiment.pixel_um, experiment.origin, used_face(case), experiment.mask,
         case.images.dust == "mask",
-    )
-
-
-def _repeats(experiment: Experiment) -> FloatArray:
+    )  # fmt: skip
     if experiment.repeats is None:
-        raise InputError(NO_REPEATS)
-    return experiment.repeats
+        return stated_reference(experiment.frames[0], experiment.gamma_f, *place)
+    return build_reference(experiment.repeats, *place)
 
 
 def used_face(case: Case) -> tuple[float, float, float, float]:

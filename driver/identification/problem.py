@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -33,6 +33,7 @@ from driver.parameters.instrument import LOAD_DECLARATIONS
 from driver.parameters.pose import POSE_DECLARATIONS
 from meshes.arrays import BoolArray, FloatArray
 from meshes.prism_mesh import PrismMesh
+from solver_adapters.interface import Adapter
 
 _PLACES = 25  # at which the motion of the specimen over the camera is followed
 
@@ -147,6 +148,7 @@ def build_problem(
     fine_mesh: PrismMesh,
     seen: MeasuredSeries,
     jobs: Path | None = None,
+    keeping: Callable[[Adapter], Adapter] = lambda solver: solver,
     prepare_only: bool = False,
 ) -> IdentificationProblem:
     """Put a case together.
@@ -157,10 +159,12 @@ def build_problem(
         fine_mesh: finer mesh.
         seen: what was measured.
         jobs: folder of the jobs of a solver that is a program of its own, or None.
+        keeping: makes the solver keep its responses.
         prepare_only: whether they are written for another machine instead of being run.
     """
     experiment, images, left_out = seen.experiment, seen.images, seen.left_out
-    adapter, history = ProgressAdapter(adapter_of(case, prepare_only)), experiment.history
+    adapter = ProgressAdapter(keeping(adapter_of(case, prepare_only)))
+    history = experiment.history
     jobs = jobs if adapter.capabilities().uses_workspace else None
     steps = case.solver.steps_per_interval
     working = build_model(case, mesh, history, images.xy, adapter, steps, jobs)
@@ -190,7 +194,9 @@ def build_problem(
         stated_bad_loads=case.loads.left_out,
     )
     parameters = working.parameters
-    elongation, tilt = (_without(left_out, values) for values in (seen.elongation, seen.tilt))
+    # A frame that is the reference has no image to fit, but stands still.
+    unknown = tuple(t for t in left_out if not images.is_reference[t])
+    elongation, tilt = (_without(unknown, values) for values in (seen.elongation, seen.tilt))
     start, knots = start_values(working, elongation, tilt)
     if case.boundary.gauge == "rigid":
         # The tilt between the edges is a rigid rotation, and is not part of the motion.

@@ -65,7 +65,12 @@ def noise_floor(case_path: Path) -> None:
     """
     case = sized_case(case_path)
     experiment = read_experiment(case)
-    if experiment.repeats is not None and len(experiment.repeats) < 3:
+    if experiment.repeats is None:
+        raise InputError(
+            "images.repeats: found nothing, expected at least 3 images (the noise of the "
+            "elongation is measured from them; a noise that is stated cannot tell it)"
+        )
+    if len(experiment.repeats) < 3:
         raise InputError(
             f"images.repeats: found {len(experiment.repeats)} images, expected at least 3 (the "
             "noise of the elongation is measured from them)"

@@ -66,7 +66,7 @@ FILES = {
 _READ = (MESH, MEASURE, IDENTIFY, HISTORY_JSON)
 _DIAGNOSED = (DIAGNOSIS, DIAGNOSIS_H5, ADVICE)
 _MEASURED = (
-    "time", "force", "xy", "left_out", "sigma_flat", *DATASETS)  # fmt: skip
+    "time", "force", "xy", "left_out", "sigma_flat", "noise_later", *DATASETS)  # fmt: skip
 _IDENTIFIED = (
     "start", "values", "covariance", "correlation", "kinematic_hessian", "hessian_names",
     "prior/mean", "prior/width", "prior_share", "paper/chi", "paper/chi_f", "paper/chi_F",

@@ -136,6 +136,7 @@ class MeasuredMotion:
         nodal_sigma: standard deviation of a nodal value of u, v, w [µm], median over the nodes,
             shape (3,).
         sigma: standard deviation of the height noise at a pixel of one image [µm].
+        n_reference: number of images averaged into the reference.
         elongation: v of the end S+ less that of S−.
         tilt: w of the end S+ less that of S−.
         mean_w: mean of w over the region of interest.
@@ -163,6 +164,7 @@ class MeasuredMotion:
     regularisation: Regularisation
     nodal_sigma: FloatArray
     sigma: float
+    n_reference: int
     elongation: Curve
     tilt: Curve
     mean_w: Curve
@@ -235,6 +237,7 @@ def measured_motion(
         ),
         nodal_sigma=np.array([np.median(part) for part in np.split(nodal_sigma, [n_uv, 2 * n_uv])]),
         sigma=float(m["sigma"]),
+        n_reference=int(m["n_reference"]),
         elongation=_curve(m, "elongation"),
         tilt=_curve(m, "tilt"),
         mean_w=_curve(m, "mean_w"),

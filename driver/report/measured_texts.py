@@ -64,8 +64,9 @@ def difference_text(m: MeasuredMotion, rms: tuple[float, float, float]) -> str:
 def _reference(m: MeasuredMotion) -> PictureText:
     rows, columns = m.reference.shape
     spread = 1e3 * float(np.std(m.reference[m.face.rows, m.face.cols]))
+    what = "mean of the repeated images" if m.n_reference > 1 else "image 0"
     return PictureText(
-        f"The reference: mean of the repeated images, flat pattern subtracted, heights in nm above "
+        f"The reference: {what}, flat pattern subtracted, heights in nm above "
         f"their median. Inside the yellow line stand the {m.face.rows.size} pixels that are used "
         f"({1e3 * m.face.pixel:g} nm each). Blue: the meshes on which the motion is sought, "
         f"{len(m.cells_uv)} elements for u and v, {len(m.cells_w)} finer ones for w. Trenches "
@@ -178,17 +179,18 @@ def _residuals(m: MeasuredMotion) -> PictureText:
 
 def _noise(m: MeasuredMotion) -> PictureText:
     spread, worst = m.spread, int(np.argmax(m.chi))
+    told = m.chi[m.chi > 0]  # nothing is left of an image that is the reference
     far = 100.0 * spread.far / spread.n
     return PictureText(
         f"Left: all {spread.n} residuals over their noise; with noise alone they follow the "
         f"unit normal. Their standard deviation is {number(spread.deviation)}; "
         f"{number(far, 2)} % lie beyond {FAR:g} σ (normal: {number(100 * _FAR_SHARE, 2)} %), the "
         f"farthest at {number(spread.farthest, 2)} σ. Right: χ of each image, from "
-        f"{chi(float(m.chi.min()))} to {chi(float(m.chi.max()))} (image {worst}), "
-        f"{chi(_rms(m.chi))} over all.{_stopped(m)}",
+        f"{chi(float(told.min()))} to {chi(float(told.max()))} (image {worst}), "
+        f"{chi(_rms(told))} over all.{_stopped(m)}",
         f"Histogram of residuals beside the unit normal, standard deviation "
         f"{number(spread.deviation)}; χ of {len(m.chi)} images between "
-        f"{chi(float(m.chi.min()))} and {chi(float(m.chi.max()))}.",
+        f"{chi(float(told.min()))} and {chi(float(told.max()))}.",
     )
 
 

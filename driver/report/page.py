@@ -11,6 +11,7 @@ import numpy as np
 from driver.case.grains import Grain
 from driver.case.specimen import Specimen
 from driver.common.formatting import chi, joined, number
+from driver.experiment.images.stated_noise import COST, contradiction
 from driver.experiment.orientations import GrainOrientation, grain_orientations
 from driver.experiment.reading import fitted_loads
 from driver.report.figures import side_labels
@@ -202,8 +203,10 @@ def facts(findings: Findings) -> list[tuple[str, str]]:
     grains = "; ".join(map(_orientation, case.grains, grain_orientations(case)))
     peak = float(np.nanmax(fitted_loads(case, m["force"])))
     ratio = findings.travel_ratio
+    reference = f"reference: mean of {float(m['n_reference']):g}"
     ends = [("motion of the ends", ratio.sentence())] if ratio else []
-    left = [str(frame) for frame, out in enumerate(m["left_out"]) if out]
+    stated = case.images.repeats is None
+    left = [str(frame) for frame, out in enumerate(m["left_out"]) if out and (frame or not stated)]
     fate = "is unlike its" if len(left) == 1 else "are unlike their"
     but = f"; {joined(left)} {fate} neighbours and not fitted but for the load" if left else ""
     return [
@@ -218,13 +221,22 @@ def facts(findings: Findings) -> list[tuple[str, str]]:
         ("images", f"{len(m['time'])} of {m['reference'].shape[0]} × {m['reference'].shape[1]} px, "
                    f"{1e3 * float(m['pixel']):g} nm a pixel, {m['rows'].size} px used{but}"),
         ("noise", f"height {number(1e3 * float(m['sigma']))} nm an image "
-                  f"(reference: mean of {float(m['n_reference']):g}), load "
+                  f"({'as stated' if stated else reference}), load "
                   f"{number(findings.load_noise)} µN; on the correlation mesh "
-                  f"{number(findings.noise_factor)} times that of the repeats"),
+                  f"{number(findings.noise_factor)} times that "
+                  f"{'stated' if stated else 'of the repeats'}"),
+        *([("no repeats", _without_repeats(m))] if stated else []),
         ("test", f"{int(m['cycle'].max())} cycles, stage travel up to {m['stage'].max():g} µm, "
                  f"load up to {number(peak, 4)} µN"),
         *ends,
     ]  # fmt: skip
+
+
+def _without_repeats(measured: Mapping[str, Any]) -> str:
+    """Return what a stated noise costs, and whether the images contradict it."""
+    chi_of_fitted = measured["chi"][measured["left_out"] == 0]
+    told = contradiction(float(measured["sigma"]), float(measured["noise_later"]), chi_of_fitted)
+    return f"{COST}. {told}" if told else COST
 
 
 def _sizes(specimen: Specimen) -> str:

@@ -253,6 +253,16 @@ def working_folder(stage: str) -> str:
     return f"{stage}.partial"
 
 
+def kept_folder(stage: str) -> str:
+    """Return the name of the folder of what a stage that is at work keeps against interruptions."""
+    return f"{stage}.kept"
+
+
+def kept_response(folder: Path, key: str) -> Path:
+    """Return the file of the response of a simulation in that folder."""
+    return folder / f"{key}.npz"
+
+
 def edited(path: Path, number: int) -> Path:
     """Return the path under which an edited result is kept; those after the first have a number."""
     return path.with_stem(f"{path.stem}.edited{number or ''}")

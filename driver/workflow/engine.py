@@ -24,6 +24,8 @@ from driver.experiment.images.files import split_dataset
 from driver.experiment.orientations import map_files
 from driver.parameters.user_terms import files_of_terms, installed_terms
 from driver.results.files import (
+    kept_folder,
+    kept_response,
     make_folder,
     present,
     remove_folder,
@@ -66,6 +68,7 @@ class StageContext:
         results: the folder of the finished results of all stages.
         workdir: an empty folder; every file left in it becomes a result of the stage.
         prepare_only: whether external solvers write their jobs for another machine.
+        kept: folder of what is kept against an interruption until the stage ends, or None.
         memory: what stages of one run have read and leave to later ones, by name.
     """
 
@@ -73,6 +76,7 @@ class StageContext:
     results: Path
     workdir: Path
     prepare_only: bool = False
+    kept: Path | None = None
     memory: dict[str, Any] = field(default_factory=dict)
 
     def result(self, name: str) -> Path:
@@ -165,13 +169,14 @@ def run_stages(
     them. The key is a hash of the version of its code, its tables of the case, the content of its
     files and the key of the stages before it. Results are written aside and moved into `results/`,
     beside the case, once the stage has ended; a stage that fails leaves the results of its last
-    run, and what somebody has edited since is kept under another name.
+    run, and what somebody has edited since is kept under another name. The simulations that a
+    stage has ended before it was interrupted are taken up by the next run.
 
     Args:
         case: the case.
         stages: all stages, each building on the ones before it.
         until: name of the last stage to run, None for all.
-        force: run the stages even if they are done and unchanged.
+        force: run the stages even if they are done and unchanged, and take nothing up.
         prepare_only: whether external solvers write their jobs for another machine.
         refined: what is asked with the name of each stage that is done: the case in another state,
             for which the stages begin anew, or None.
@@ -204,6 +209,8 @@ def run_stages(
                     logger.info(f"{stage.name}: done and unchanged")
                 else:
                     _refuse_folders(entry, results)
+                    if stage.name in forced:
+                        remove_folder(results / kept_folder(stage.name))
                     try:
                         _run_stage(stage, case, results, key, inputs, prepare_only, memory)
                     except SolverError as error:
@@ -306,9 +313,15 @@ def _run_stage(
     workdir = results / working_folder(stage.name)
     remove_folder(workdir)
     workdir.mkdir()
+    kept = results / kept_folder(stage.name)
+    if kept.is_symlink():
+        remove_folder(kept)
     logger.info(f"{stage.name}: started")
+    if there := len(list(kept.glob(kept_response(Path(), "*").name))):
+        what = "a simulation" if there == 1 else f"{there} simulations"
+        logger.info(f"  {what} of an interrupted run are kept: those that come again are taken up")
     start = time.perf_counter()
-    stage.run(StageContext(case, results, workdir, prepare_only, memory))
+    stage.run(StageContext(case, results, workdir, prepare_only, kept, memory))
     seconds = time.perf_counter() - start
     if stage.reads_on:
         _refuse_other_files(stage, case, inputs)
@@ -346,6 +359,7 @@ def _run_stage(
     }
     write_record(results, done)
     shutil.rmtree(workdir)
+    remove_folder(kept)
     logger.info(f"{stage.name}: finished in {seconds:.1f} s")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from driver.results.identification import (
     written_noise_factor,
     written_trajectory,
 )
+from driver.results.kept_responses import keeping
 from driver.workflow.engine import StageContext
 from driver.workflow.prepared_images import prepared_images
 from meshes.arrays import FloatArray
@@ -52,6 +54,7 @@ def load_problem(context: StageContext) -> IdentificationProblem:
             left_out,
         ),
         job_store(context.case),
+        partial(keeping, folder=context.kept),
         context.prepare_only,
     )
 

@@ -28,6 +28,7 @@ from driver.identification.problem import law_of, stated_prior, stated_start
 from driver.parameters.boundary import elongation_names
 from driver.results.files import FINE_MESH, MESH, job_store
 from driver.results.identification import value_told, warnings_of, write_of_loads
+from driver.results.kept_responses import keeping
 from driver.workflow.engine import StageContext
 from meshes.files import read_med
 from solver_adapters.interface import Adapter
@@ -108,7 +109,8 @@ def _stated_ratio(case: Case) -> tuple[float, float]:
 def run_identify_loads(context: StageContext) -> None:
     """Identify from the loads, and write parameters, covariance and predictions."""
     case = context.case
-    adapter = ProgressAdapter(adapter_of(case, context.prepare_only))
+    solver = keeping(adapter_of(case, context.prepare_only), context.kept)
+    adapter = ProgressAdapter(solver)
     problem = build_loads_problem(context, adapter)
     identification = identify_from_loads(
         problem.objective, problem.finer, problem.start, problem.plan

@@ -15,6 +15,8 @@ from driver.dic.surface_images import SurfaceImages
 from driver.dic.wrong_frames import exchanged, jumps, turned
 from driver.experiment.images.heightmaps import fill_off_surface, on_surface
 from driver.experiment.images.outliers import Outlier, texts_by_frame
+from driver.experiment.images.region import Excluded
+from driver.experiment.images.stated_noise import COST, contradiction
 from meshes.arrays import BoolArray, FloatArray
 
 logger = logging.getLogger(__name__)
@@ -23,6 +25,29 @@ logger = logging.getLogger(__name__)
 _LOOKED_AT = 20  # frames that cannot be followed, of which it is asked whether they are mirrored
 _TOLD = 5  # frames at most, of which it is told why they stopped
 _STRETCHED = 5.0  # σ of the elongation before loading, beyond which the images are in doubt
+
+
+def tell_images(images: SurfaceImages) -> None:
+    """Tell how many images and pixels there are, and where their noise comes from."""
+    noise = f"noise {1e3 * images.sigma:.2f}"
+    if images.of_series:
+        noise += " nm as stated, no repeats"
+    else:
+        error = images.sigma / np.sqrt(2 * images.noise_dof)
+        noise += f" ± {1e3 * error:.2f} nm from {images.n_reference} repeats"
+    logger.info(
+        f"  {images.n_frames} frames, {len(images.xy)} pixels, {noise}, "
+        f"{np.count_nonzero(images.codes == Excluded.DUST)} pixels with dust"
+    )
+    if images.of_series:
+        logger.info(f"  without repeats {COST}")
+
+
+def tell_contradiction(stated: float, seen: float, chi: FloatArray) -> None:
+    """Tell that a stated noise is not that of the images; the arguments as of `contradiction`."""
+    told = contradiction(stated, seen, chi)
+    if told:
+        logger.info(f"  WARNING: {told}")
 
 
 def tell_regularisation(case: Case, motion: SurfaceMotion) -> None:
@@ -52,7 +77,7 @@ def tell_readings(single: SurfaceMotion, motion: SurfaceMotion, read: dict[str, 
         motion: the same smoothed along stage travel, or `single` itself.
         read: numbers read from it, by name.
     """
-    lacking = ~single.compared & ~single.lost[:, None]
+    lacking, told = ~single.compared & ~single.lost[:, None], motion.chi > 0
     if lacking.any():
         frames = lacking.any(axis=1)
         logger.info(
@@ -62,8 +87,9 @@ def tell_readings(single: SurfaceMotion, motion: SurfaceMotion, read: dict[str, 
         )
     elongation = read["elongation"]
     sigma = 1e3 * np.median(elongation.sigma)
+    chi = np.sqrt(np.mean(motion.chi[told] ** 2))
     logger.info(
-        f"  χ of free correlation {np.sqrt(np.mean(motion.chi**2)):.3f}, elongation ± {sigma:.1f} "
+        f"  χ of free correlation {chi:.3f}, elongation ± {sigma:.1f} "
         f"nm an image, of which {1e3 * elongation.held:.1f} nm are what the penalty may hold back"
     )
     if motion is not single:
@@ -85,7 +111,7 @@ def tell_frames(
         motion: motion of each image by itself.
         outliers: of the series.
         left: frames whose images are not fitted, shape (T,).
-        elongation: against the repeats.
+        elongation: against the reference.
     """
     for frame, what in texts_by_frame(outliers).items():
         kept = "its image is not fitted, its load is" if left[frame] else "it is kept"
@@ -111,13 +137,13 @@ def tell_frames(
 
 
 def _tell_gains(motion: SurfaceMotion) -> None:
-    """Frames that show the relief larger or smaller than the repeats do."""
+    """Frames that show the relief larger or smaller than the reference does."""
     gains = motion.gains
     off = np.flatnonzero(gains.off(np.ones(gains.value.size)))
     for frame in off[:_TOLD].tolist():
         logger.info(
             f"  frame {frame} shows the relief {gains.value[frame]:.3f} ± {gains.sigma:.3f} times "
-            "as high as the repeats do: divide its heights by that if their scale has changed; "
+            "as high as the reference does: divide its heights by that if their scale has changed; "
             "focus does the same"
         )
     if off.size > _TOLD:
@@ -137,7 +163,7 @@ def tell_wrong_frames(
         images: the series.
         motion: motion of each image by itself.
         doubtful: frames that cannot be followed or leave too much, shape (T,).
-        elongation: against the repeats.
+        elongation: against the reference.
         stage: stage travel at each image [µm], shape (T,).
     """
     for frame in np.flatnonzero(doubtful)[:_LOOKED_AT].tolist():

@@ -19,7 +19,7 @@ from driver.dic.temporal_smoothing import smoothed_motion
 from driver.experiment.history import phase_of_images
 from driver.experiment.images.heightmaps import ImageError, fill_off_surface
 from driver.experiment.images.noise import TemporalNoise, temporal_noise
-from driver.experiment.images.outliers import find_outliers, left_out, noise_levels
+from driver.experiment.images.outliers import find_outliers, left_out, noise_levels, without
 from driver.experiment.images.region import Excluded
 from driver.forward.build import correlation_meshes
 from driver.forward.geometry import boundary_traces
@@ -32,7 +32,9 @@ from driver.results.measurement import MeasuredFields, Measurement, write_measur
 from driver.workflow.engine import StageContext
 from driver.workflow.measure_messages import (
     how_turned,
+    tell_contradiction,
     tell_frames,
+    tell_images,
     tell_readings,
     tell_regularisation,
     tell_wrong_frames,
@@ -63,11 +65,7 @@ def measure_numbers(context: StageContext) -> None:
     case = context.case
     prepared = prepared_images(context)
     experiment, images = prepared.experiment, prepared.images
-    logger.info(
-        f"  {images.n_frames} frames, {len(images.xy)} pixels, noise {1e3 * images.sigma:.2f} ± "
-        f"{1e3 * images.sigma / np.sqrt(2 * images.noise_dof):.2f} nm from {images.n_reference} "
-        f"repeats, {np.count_nonzero(images.codes == Excluded.DUST)} pixels with dust"
-    )
+    tell_images(images)
     for remark in experiment.remarks:
         logger.info(f"  {remark}")
     pixel, history = case.images.pixel_um, experiment.history
@@ -84,8 +82,8 @@ def measure_numbers(context: StageContext) -> None:
     rigid = single.means()
     used = images.codes == Excluded.USED
     noise = noise_levels(_sampled(images), used[images.box(_AROUND)])
-    outliers = find_outliers(single.chi, noise, rigid, pixel, "σ")
-    left = left_out(outliers, images.n_frames) | single.lost
+    outliers = without(images.is_reference, find_outliers(single.chi, noise, rigid, pixel, "σ"))
+    left = left_out(outliers, images.n_frames) | single.lost | images.is_reference
     motion, smoother = _along_travel(case, single, images, history.stage[rows], ~left)
     read = readings(single, images, case.specimen.length, motion, smoother)
     free = without_penalty(single, images, case.specimen.length)
@@ -95,6 +93,9 @@ def measure_numbers(context: StageContext) -> None:
     tell_wrong_frames(images, single, doubtful, read["elongation"], history.stage[rows])
     refined = refine_gradient(images, motion.fields)
     later = _temporal(images, refined.gradient, single, ~left)
+    if images.of_series:
+        seen = np.nan if later is None else later.sigma
+        tell_contradiction(images.sigma, seen, single.chi[~left])
     if later is not None:
         logger.info(
             f"  noise {1e3 * later.sigma:.2f} nm from frame to frame, larger than that at "
@@ -125,15 +126,16 @@ def _refuse_another_surface(motion: SurfaceMotion, images: SurfaceImages) -> Non
     """Refuse a series of which more than half cannot be followed.
 
     Raises:
-        InputError: the frames do not show the surface of the repeats.
+        InputError: the frames do not show the surface of the reference.
     """
     astray = motion.lost | (~motion.converged & (motion.chi > _OTHER_SURFACE))
     if 2 * np.count_nonzero(astray) > astray.size:
         first = int(np.argmax(astray))
         why = how_turned(images, first) or motion.reason[first]
+        surface = "frame 0" if images.of_series else "images.repeats"
         raise InputError(
             f"images.frames: found {np.count_nonzero(astray)} of {astray.size} frames that cannot "
-            f"be followed (frame {first} {why}), expected the surface of images.repeats"
+            f"be followed (frame {first} {why}), expected the surface of {surface}"
         )
 
 

@@ -78,7 +78,7 @@ def stages(case: Case) -> Sequence[Stage]:
         Stage("mesh", "3", _MESH, run_mesh),
         Stage(
             "measure",
-            "9",
+            "10",
             _MEASURE,
             run_measure,
             measured_files,

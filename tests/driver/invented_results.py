@@ -175,6 +175,7 @@ def _write_measured(path: Path, time: FloatArray, rng: np.random.Generator) -> N
             "smoother": (np.eye(T), "1"),
             "left_out": (1.0 * (np.arange(T) == 7), "1"),
             "sigma_flat": (0.0, "µm"),
+            "noise_later": (0.009, "µm"),
             "phase": (np.array(PHASE), "1"),
             "grip/nominal": (12.0 / 32e3, "1"),
             "grip/sigma": (0.0005, "µm"),

@@ -88,6 +88,20 @@ def test_init_names_the_files_of_instruments_an_ebsd_map_and_a_log(tmp_path: Pat
     assert empty.stderr.strip().endswith("--ebsd: found nothing, expected the name of a file")
 
 
+def test_init_leaves_repeats_out_where_the_noise_is_stated(tmp_path: Path) -> None:
+    assert invoke("init", tmp_path, "--frames", "scan_*.sur", "--noise-nm", "4.5").exit_code == 0
+    images = load_case(tmp_path / "case.toml").images
+    assert (images.frames, images.repeats, images.noise_nm) == ("scan_*.sur", None, 4.5)
+    named = ("--repeats", "rest_*.sur", "--noise-nm", "4.5")
+    assert invoke("init", tmp_path / "a", *named).exit_code == 0
+    images = load_case(tmp_path / "a" / "case.toml").images
+    assert (images.repeats, images.noise_nm) == ("rest_*.sur", 4.5)
+    for bad in ("0", "inf", "nan"):
+        refused = invoke("init", tmp_path / "b", "--noise-nm", bad)
+        assert refused.exit_code == 1 and not (tmp_path / "b").exists()
+        assert refused.stderr.strip().endswith(f"--noise-nm: found {bad}, expected a number > 0")
+
+
 def test_init_writes_a_valid_case_and_its_schema_and_overwrites_nothing(case_path: Path) -> None:
     assert len(load_case(case_path).grains) == 2
     assert (case_path.parent / "case.schema.json").is_file()

@@ -25,7 +25,7 @@ class Noise:
 
     Attributes:
         sigma: standard deviation of one pixel of one frame [µm].
-        dof: degrees of freedom behind it; sigma is known to sigma/√(2 dof).
+        dof: degrees of freedom behind it; sigma is known to sigma/√(2 dof). 0 where it is stated.
     """
 
     sigma: float

@@ -152,6 +152,11 @@ def find_outliers(
     return tuple(sorted(outliers, key=lambda outlier: outlier.frame))
 
 
+def without(reference: BoolArray, outliers: Sequence[Outlier]) -> tuple[Outlier, ...]:
+    """Return outliers less those of frames that are the reference, shape (T,)."""
+    return tuple(outlier for outlier in outliers if not reference[outlier.frame])
+
+
 def texts_by_frame(outliers: Sequence[Outlier]) -> dict[int, str]:
     """Return what is unlike in each frame that was named, by its number."""
     lines: dict[int, list[str]] = {}

@@ -23,7 +23,7 @@ SIGNIFICANCE = 1e-3  # chance of registering repeats that did not move
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Mean of n repeats.
+    """Mean of n repeats, or image 0 of a series whose noise is stated.
 
     Attributes:
         heights: the mean, extended over trenches [µm], shape (rows, cols).
@@ -82,11 +82,7 @@ def build_reference(
     if mask_dust:
         codes[spikes(np.median(repeats, axis=0), codes == Excluded.USED)] = Excluded.DUST
     used = np.asarray(codes == Excluded.USED)
-    if not used.any():
-        raise ImageError(
-            "images.dust: every pixel of the face stands out of its neighbours, expected isolated "
-            'spikes; with images.dust = "keep" they are used'
-        )
+    _refuse_dust_alone(codes)
     shifts = np.array([np.zeros(3), *(shift_between(repeats[0], r, pixel, used)
                                       for r in repeats[1:])])  # fmt: skip
     noise = noise_from_repeats(repeats, used)
@@ -106,6 +102,49 @@ def build_reference(
         shifts=shifts,
         registered=registered,
     )
+
+
+def stated_reference(
+    first: FloatArray,
+    sigma: float,
+    flat: FlatField | None,
+    pixel: float,
+    origin: tuple[float, float],
+    bounds: Bounds,
+    mask: BoolArray | None = None,
+    mask_dust: bool = True,
+) -> Reference:
+    """Return image 0 as the reference, its noise as it is stated.
+
+    Of dust the spikes of that image are found: strays of single repeats take repeats.
+
+    Args:
+        first: image 0 [µm], shape (rows, cols).
+        sigma: noise of an image at a pixel [µm].
+        flat: as of `build_reference`.
+        pixel: as of `build_reference`.
+        origin: as of `build_reference`.
+        bounds: as of `build_reference`.
+        mask: as of `build_reference`.
+        mask_dust: as of `build_reference`.
+
+    Raises:
+        ImageError: it has no height, or no pixel that can be used.
+    """
+    codes = region_codes(np.asarray(on_surface(first)), pixel, origin, bounds, mask)
+    heights = corrected(first, flat, "frame 0")
+    if mask_dust:
+        codes[spikes(heights, codes == Excluded.USED)] = Excluded.DUST
+    _refuse_dust_alone(codes)
+    return Reference(heights, codes, Noise(sigma, 0), 1, np.zeros((1, 3)), registered=False)
+
+
+def _refuse_dust_alone(codes: CodeArray) -> None:
+    if not (codes == Excluded.USED).any():
+        raise ImageError(
+            "images.dust: every pixel of the face stands out of its neighbours, expected isolated "
+            'spikes; with images.dust = "keep" they are used'
+        )
 
 
 def corrected(heights: FloatArray, flat: FlatField | None, name: str) -> FloatArray:

@@ -160,10 +160,13 @@ def test_loads_that_end_early_are_found(case_path: Path) -> None:
 def test_a_face_drawn_over_a_trench_and_missing_stacks_are_warned_of(case_path: Path) -> None:
     edit(case_path, "origin_pixel = [35.5, 21.0]", "origin_pixel = [28.0, 21.0]")
     edit(case_path, 'repeats = "repeats.tif"', "")
-    (trench,) = found(case_path, "warning")
+    trench, noise = found(case_path, "warning")
     assert "of the measured face" in trench and "carries no height" in trench
+    assert noise.startswith("9 nm as stated: image 0 is the reference with the noise of one image")
+    edit(case_path, "noise_nm = 9.0", "")
     (repeats,) = found(case_path, "error")
-    assert repeats.startswith("images.repeats: found nothing, expected repeated images")
+    assert "images.repeats: found nothing, expected repeated images of the unloaded" in repeats
+    assert repeats.endswith("or images.noise_nm, a number > 0: the noise stated instead")
 
 
 def test_an_element_larger_than_the_face_is_warned_of(case_path: Path) -> None:

@@ -114,12 +114,15 @@ def test_the_images_show_the_face_less_a_pixel_on_each_side(folder: Path) -> Non
     assert images.n_reference == closed_form.N_REPEATS
 
 
-def test_without_repeats_there_is_no_reference(folder: Path) -> None:
+def test_without_repeats_image_0_is_the_reference_with_the_stated_noise(folder: Path) -> None:
     case = load_case(folder / "case.toml")
-    experiment = replace(read_experiment(case), repeats=None)
-    with pytest.raises(InputError) as error:
-        surface_images(case, experiment)
-    assert str(error.value).startswith("images.repeats: found nothing, expected repeated images")
+    experiment = replace(read_experiment(case), repeats=None, gamma_f=0.003)
+    images = surface_images(case, experiment)
+    assert (images.sigma, images.noise_dof, images.n_reference) == (0.003, 0, 1)
+    np.testing.assert_array_equal(images.reference_image, experiment.frames[0])
+    assert list(np.flatnonzero(images.is_reference)) == [0]
+    # Some frames of the series have their reference among them or not.
+    assert [images.only(np.array(part)).of_series for part in ([0, 1], [1, 2])] == [True, False]
 
 
 def test_the_ends_of_the_mesh_are_where_the_motion_is_prescribed() -> None:

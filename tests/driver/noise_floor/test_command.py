@@ -108,3 +108,11 @@ def test_the_time_is_told_before_and_the_way_while_it_runs(
 def test_too_few_repeats_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="images.repeats: found 2 images, expected at least 3"):
         noise_floor(experiment(tmp_path, 2))
+
+
+def test_a_stated_noise_has_no_floor(tmp_path: Path) -> None:
+    path = experiment(tmp_path, 3)
+    text = path.read_text("utf-8")
+    path.write_text(text.replace('repeats = "repeats.tif"', ""), encoding="utf-8")
+    with pytest.raises(InputError, match="images.repeats: found nothing, expected at least 3"):
+        noise_floor(path)

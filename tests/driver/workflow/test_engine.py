@@ -12,7 +12,8 @@ from driver.case.consent import ConsentError, agree
 from driver.case.model import Case, CaseError, default_case, load_case, write_case
 from driver.common.errors import InputError
 from driver.common.progress import progress_to
-from driver.results.files import AbsentError, link_requests
+from driver.results.files import AbsentError, kept_folder, link_requests
+from driver.results.kept_responses import keeping
 from driver.results.stage_record import Done, read_record
 from driver.workflow.engine import (
     Stage,
@@ -26,7 +27,8 @@ from driver.workflow.engine import (
     stage_key,
 )
 from driver.workflow.run_lock import BusyError
-from solver_adapters.interface import SolverError
+from solver_adapters.interface import Simulation, SolverError
+from tools import closed_form
 
 
 class Workshop:
@@ -122,6 +124,51 @@ def test_force_reruns_and_until_stops(workshop: Workshop) -> None:
     assert workshop.run(force=True) == ["mesh", "measure"]
     with pytest.raises(StageError, match='--until: found "mash", expected one of mesh, measure'):
         workshop.run(until="mash")
+
+
+def test_what_a_stage_has_simulated_before_it_failed_is_taken_up_once(workshop: Workshop) -> None:
+    solver, simulation = closed_form.ClosedFormSolver(), closed_form.problem().model.simulation
+    runs: list[Simulation] = []
+    answer, last = solver.answer, 3
+
+    def counted(asked: Simulation) -> Any:
+        runs.append(asked)
+        return answer(asked)
+
+    solver.answer = counted  # type: ignore[assignment]
+
+    def measure(context: StageContext) -> None:
+        kept = keeping(solver, context.kept)
+        for k in range(last):
+            kept.solve(simulation(closed_form.problem().truth | {"tau0": 40.0 + k}))
+        if last < 5:
+            raise SolverError("stopped")
+        (context.workdir / "loads.txt").write_text("done")
+
+    workshop.stages[1] = replace(workshop.stages[1], run=measure)
+    with pytest.raises(SolverError):
+        workshop.run()
+    folder = workshop.folder / "results" / kept_folder("measure")
+    assert len(runs) == 3 and len(list(folder.iterdir())) == 3
+    last = 5
+    workshop.run()
+    assert len(runs) == 5 and not folder.exists()
+    told = "  3 simulations of an interrupted run are kept: those that come again are taken up"
+    assert told in workshop.lines
+    assert workshop.lines.count("    a simulation of the interrupted run is taken up") == 3
+    # By force everything is made, also what another run has left; and no link is followed.
+    last = 2
+    with pytest.raises(SolverError):
+        workshop.run(force=True)
+    last = 5
+    workshop.run(force=True)
+    assert len(runs) == 5 + 2 + 5
+    elsewhere = workshop.folder / "elsewhere"
+    elsewhere.mkdir()
+    folder.symlink_to(elsewhere)
+    (workshop.folder / "results" / "loads.txt").unlink()
+    workshop.run()
+    assert not folder.is_symlink() and not list(elsewhere.iterdir())
 
 
 def test_a_second_run_leaves_what_the_first_is_at_work_on(workshop: Workshop) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from driver.case.grains import Grain
-from driver.case.model import Case, CaseError, load_case, schema, write_case
+from driver.case.model import Case, CaseError, load_case, schema
 from driver.common.errors import InputError
 from driver.common.progress import progress_to
 from driver.forward import build
@@ -348,12 +348,11 @@ def test_a_diagnosis_that_cannot_be_asked_for_is_one_sentence(
     assert (copied.results / "diagnosis.json").is_file()
 
 
-def test_a_run_without_repeats_ends_before_anything_is_meshed(
+def test_a_run_without_the_file_of_its_repeats_ends_before_anything_is_meshed(
     copied: Run, lines: list[str]
 ) -> None:
-    case = load_case(copied.path).with_values_at({"images.repeats": None})
-    write_case(case, copied.path)
-    with pytest.raises(InputError, match="images.repeats: found nothing"):
+    (copied.folder / "repeats.tif").unlink()
+    with pytest.raises(InputError, match="repeats.tif: images.repeats: found no"):
         pipeline.run(copied.path, None, True)
     assert not any("started" in line for line in lines)
     pipeline.run(copied.path, "mesh")

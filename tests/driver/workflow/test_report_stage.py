@@ -215,6 +215,17 @@ def test_the_sizes_of_the_meshes_and_their_refinements_are_told(written: Results
     assert chosen[2].endswith("0.5 µm, chosen by prismid and refined 2 times")
 
 
+def test_a_stated_noise_is_told_with_its_cost_and_what_contradicts_it(written: Results) -> None:
+    findings = read_findings(load_case(written.folder / "case.toml"), written.results)
+    assert "no repeats" not in dict(facts(findings))
+    case = findings.case.with_values_at({"images.repeats": None})
+    for sigma, contradicts in ((0.009, False), (0.003, True)):
+        measured = dict(findings.measured) | {"sigma": np.array(sigma)}
+        told = dict(facts(replace(findings, case=case, measured=measured)))
+        assert "as stated" in told["noise"] and "image 0 is the reference" in told["no repeats"]
+        assert ("images.noise_nm: found 3" in told["no repeats"]) == contradicts
+
+
 def test_orientations_are_told_with_where_they_are_from(written: Results) -> None:
     findings = read_findings(load_case(written.folder / "case.toml"), written.results)
     stated = dict(facts(findings))["grains (Bunge angles)"]
