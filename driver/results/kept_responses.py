@@ -68,7 +68,7 @@ class KeptResponses:
         place = kept_response(self.folder, _key(simulation, self.inner))
         kept = _read(place)
         if kept is not None:
-            logger.info("    a simulation of the interrupted run is taken up")
+            logger.info("    a simulation that was made before is taken up")
             return kept
         response = _in_order(self.inner.solve(simulation, workspace, progress))
         _keep(place, response)

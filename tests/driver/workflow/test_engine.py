@@ -155,7 +155,7 @@ def test_what_a_stage_has_simulated_before_it_failed_is_taken_up_once(workshop: 
     assert len(runs) == 5 and not folder.exists()
     told = "  3 simulations of an interrupted run are kept: those that come again are taken up"
     assert told in workshop.lines
-    assert workshop.lines.count("    a simulation of the interrupted run is taken up") == 3
+    assert workshop.lines.count("    a simulation that was made before is taken up") == 3
     # By force everything is made, also what another run has left; and no link is followed.
     last = 2
     with pytest.raises(SolverError):

@@ -116,7 +116,7 @@ def test_the_next_run_makes_what_is_left_and_what_is_damaged(both: Both, stage: 
     log = "\n".join(resumed.lines)
     assert f"{left} simulations of an interrupted run are kept: those that come again are" in log
     # Refits say nothing of their own simulations.
-    assert 0 < log.count("a simulation of the interrupted run is taken up") <= left - 2
+    assert 0 < log.count("a simulation that was made before is taken up") <= left - 2
     assert not any("interrupted run" in line for line in whole.lines)
 
 
