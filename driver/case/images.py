@@ -109,8 +109,9 @@ class Images(Table):
         )
         if np.dot(np.cross(rows, columns), heights) <= 0:
             raise refusal(
-                "a right-handed arrangement (rows × columns = heights, as +X, +Y, +Z); "
-                "a left-handed one mirrors the crystal",
+                "a right-handed arrangement (rows × columns = heights, as +X, +Y, +Z; seen from "
+                "above along +Y, +X is to the right); a left-handed one mirrors the crystal: where "
+                "the file is stored the other way round, write its rows in the other order",
                 "rows_along",
                 f"rows {self.rows_along}, columns {self.columns_along}, heights {self.heights}",
             )

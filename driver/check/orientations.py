@@ -52,7 +52,7 @@ def look_at_orientations(case: Case) -> list[Finding]:
         else:
             scale = scales.get(f"rotation_grain{number}_x", ROTATION_SCALE)
             findings += _of_map(case, number, grain, orientation, orientation.of_map, scale)
-    return [*findings, *_alike(case, found)]
+    return [*findings, *_alike(case, found), *_out_of_order(case, found)]
 
 
 def _angles(key: str, angles: tuple[float, float, float]) -> Iterator[Finding]:
@@ -185,4 +185,20 @@ def _alike(case: Case, found: Sequence[GrainOrientation]) -> Iterator[Finding]:
                 f"grains: {first.name} and {second.name} are the same crystal within "
                 f"{SAME:g}° ({angle:.2f}°, symmetry considered); expected two orientations at a "
                 "grain boundary, or a single grain without one",
+            )
+
+
+def _out_of_order(case: Case, found: Sequence[GrainOrientation]) -> Iterator[Finding]:
+    """Yield neighbours that one map shows the other way round along the loading axis."""
+    along_y = np.asarray(case.orientation.ebsd_to_specimen)[1, :2]
+    for (first, one), (second, other) in pairwise(zip(case.grains, found, strict=True)):
+        if one.of_map is None or other.of_map is None or first.ebsd != second.ebsd:
+            continue
+        if along_y @ np.asarray(one.of_map.place) > along_y @ np.asarray(other.of_map.place):
+            yield Finding(
+                "warning",
+                _SUBJECT,
+                f"grains: by orientation.ebsd_to_specimen {first.name} lies farther along +Y than "
+                f"{second.name} in {first.ebsd}; expected grains in their order from S− (Y = 0) "
+                "on: exchange what picks them, or turn the matrix",
             )

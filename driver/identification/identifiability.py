@@ -20,6 +20,9 @@ SINGULAR = 1e-13
 FAR = 3.0  # widths of its prior from whose mean on a parameter is told to be off
 _PART = 0.2  # components of a null vector that are named
 
+FAR_OFF = "far off the prior"
+"""How the warning on such parameters begins."""
+
 
 @dataclass(frozen=True)
 class PriorRule:
@@ -80,7 +83,7 @@ def far_off_told(fit: Fit) -> tuple[str, ...]:
         return ()
     which = joined([f"{label_of(name)} by {by:+.1f}" for name, by in far.items()])
     return (
-        f"far off the prior, in widths of it: {which}; usually the model lacks something that this "
+        f"{FAR_OFF}, in widths of it: {which}; usually the model lacks something that this "
         "makes up for (an apex amplitude: the law, the orientations or the drawn geometry), "
         "or start and width in the case are not what is known",
     )

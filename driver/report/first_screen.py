@@ -8,6 +8,7 @@ from typing import Any
 
 from driver.common.formatting import chi
 from driver.diagnosis.answer.result_types import IMAGING
+from driver.identification.identifiability import FAR_OFF
 from driver.report.findings import Findings
 from driver.report.identified_texts import law_tiles
 
@@ -63,6 +64,8 @@ def first_screen_identified(findings: Findings, reason: str, converged: bool) ->
         converged: whether it converged.
     """
     budget = findings.budgets["before"]
+    misfit = max(budget["basis"], budget["load"])
+    far = [warning for warning in findings.warnings if warning.startswith(FAR_OFF)]
     return FirstScreen(
         kind="not diagnosed",
         tone="between",
@@ -86,5 +89,11 @@ def first_screen_identified(findings: Findings, reason: str, converged: bool) ->
             check_row("images", budget["free"] <= IMAGING,
                       f"free correlation leaves χ = {chi(budget['free'])}"),
             check_row("fit of the identified model", converged, f"ended: {reason}"),
+            check_row("misfit of the identified model", misfit <= IMAGING,
+                      f"images χ = {chi(budget['basis'])}, loads χ_F = {chi(budget['load'])}; "
+                      f"above {IMAGING:g} the model misses what the data show, and its values "
+                      "make up for that"),
+            check_row("priors", not far,
+                      far[0] if far else "no parameter is more than three widths off its prior"),
         ],
     )  # fmt: skip

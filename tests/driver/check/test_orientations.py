@@ -135,3 +135,33 @@ def test_a_map_that_cannot_be_used_is_one_error(tmp_path: Path) -> None:
         ("error", f"{tmp_path / 'a.ctf'}: grains.2.ebsd: found nothing, expected an EBSD map in a "
                   "file .ang, .ctf or .h5"),
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("matrix", "exchanged", "warned"),
+    [
+        (ROWS, False, False),
+        (ROWS, True, True),
+        # x of the map along −Y, y along −X.
+        (((0.0, -1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, -1.0)), False, True),
+        (((0.0, -1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, -1.0)), True, False),
+    ],
+)
+def test_grains_that_the_map_shows_the_other_way_round_are_told(
+    tmp_path: Path,
+    matrix: tuple[tuple[float, ...], ...],
+    exchanged: bool,
+    warned: bool,
+) -> None:
+    write_ang(tmp_path / "a.ang", X, Y, halves(X, 1.2))
+    left, right = ((float(X.min()), float(Y.min())), (float(X.max()), float(Y.min())))
+    picks = (right, left) if exchanged else (left, right)
+    grains = [
+        Grain(name=name, ebsd="a.ang", ebsd_point_um=point)
+        for name, point in zip(("first", "second"), picks, strict=True)
+    ]
+    case = case_of(tmp_path, *grains, ebsd_frame="edax", ebsd_to_specimen=matrix)
+    (message,) = [m for m in told(case, "warning") if "farther along" in m] or [""]
+    assert bool(message) == warned
+    if warned:
+        assert message.startswith("grains: by orientation.ebsd_to_specimen first lies farther")

@@ -15,6 +15,7 @@ from driver.case.specimen import Specimen
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.report.findings import FILES, Record, read_findings
+from driver.report.first_screen import first_screen_identified
 from driver.report.labels import cause_label
 from driver.report.measured import MeasuredMotion
 from driver.report.measured_texts import texts
@@ -180,8 +181,22 @@ def test_without_a_diagnosis_the_identified_model_is_shown_and_what_was_not_done
     assert "The law is identified; whether the model is right has not been examined." in text
     assert "images: χ 1.62" in text and "loads: χ_F 6.90" in text
     assert "goes on with the diagnosis" in text and "Evidence of every cause" not in text
+    assert "Not passed: misfit of the identified model" in text
+    assert "images χ = 1.62, loads χ_F = 6.90" in text
     assert "identified model" in text and "report_evidence_1.png" not in page
     assert any("not diagnosed. identified model: τ₀ = 21.34 ± 0.12 MPa" in line for line in lines)
+
+
+@pytest.mark.parametrize("far", [False, True])
+def test_a_parameter_far_off_its_prior_is_a_check_that_is_not_passed(
+    written: Results, far: bool
+) -> None:
+    told = "far off the prior, in widths of it: origin_X by −12.2; usually the model lacks …"
+    other = "λ⁺_Z: the data hardly see it; 63% of its variance is that of its prior"
+    findings = replace(written.findings(), warnings=(other, told) if far else (other,))
+    head = first_screen_identified(findings, "the Newton decrement is 0.04 σ", True)
+    (row,) = [check for check in head.checks if check["what"] == "priors"]
+    assert row["passed"] != far and ("origin_X" in row["text"]) == far
 
 
 def test_names_of_the_case_break_out_of_neither_page_nor_script(written: Results) -> None:
