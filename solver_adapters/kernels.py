@@ -51,7 +51,15 @@ KERNEL_SOURCES = (
     "solver_adapters/bundled/fem/dilatation.py",
     *(
         f"solver_adapters/{name}.py"
-        for name in ("kernels", "user_folders", "constants", "crystal", "material", "parameter")
+        for name in (
+            "kernels",
+            "user_folders",
+            "constants",
+            "crystal",
+            "later_grains",
+            "material",
+            "parameter",
+        )
     ),
 )
 

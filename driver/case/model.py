@@ -169,17 +169,6 @@ class Case(Table):
             raise refusal(
                 'a text in quotes, the images, for boundary.motion = "images"', "images.frames"
             )
-        images = self.images
-        if (
-            self.with_images
-            and images.repeats is None
-            and "noise_nm" not in images.model_fields_set
-        ):
-            raise refusal(
-                "repeated images of the unloaded surface (their mean is the reference, their "
-                "scatter the noise), or images.noise_nm, a number > 0: the noise stated instead",
-                "images.repeats",
-            )
         return self
 
     @model_validator(mode="after")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from driver.case.images import Images
 from driver.case.model import Case
-from driver.common.errors import InputError
+from driver.common.errors import InputError, sentence
 from driver.experiment.history import History, read_history
 from driver.experiment.images.files import Refused, files_of, split_dataset
 from driver.experiment.images.heightmaps import HeightMaps, Stack, StoredLevels, load_stack
@@ -156,6 +156,7 @@ def read_experiment(case: Case) -> Experiment:
     history = or_told(lambda: history_of(case))
     frames, seen = or_told(lambda: _frames(case, history)) or (None, Seen(0, ()))
     flats = or_told(lambda: _optional(case, "flats", frames))
+    or_told(lambda: _refuse_unknown_noise(case))
     repeats = or_told(lambda: _optional(case, "repeats", frames))
     mask = or_told(lambda: _mask(case, frames))
     noise_map = or_told(lambda: _noise_map(case, frames))
@@ -223,9 +224,14 @@ def refuse_absent_images(case: Case) -> None:
     """Refuse a case whose images are not named or not there, before anything is computed.
 
     Raises:
-        ExperimentError: frames are not named, or a file is not there; a line each.
+        ExperimentError: frames are not named, a file is not there, or nothing tells the noise; a
+            line each.
     """
     problems: list[str] = []
+    try:
+        _refuse_unknown_noise(case)
+    except ExperimentError as error:
+        problems.append(str(error))
     for key, missing in (
         ("frames", NO_FRAMES), ("repeats", ""), ("flats", ""), ("mask", ""),
         ("noise_map", ""),
@@ -240,6 +246,16 @@ def refuse_absent_images(case: Case) -> None:
             problems.append(str(stack_error(case, key, refused.found, refused.expected)))
     if problems:
         raise ExperimentError("\n".join(problems))
+
+
+def _refuse_unknown_noise(case: Case) -> None:
+    """Refuse a case of which neither repeats nor a stated number tells the noise of the images."""
+    if case.images.repeats is None and "noise_nm" not in case.images.model_fields_set:
+        expected = (
+            "repeated images of the unloaded surface (their mean is the reference, their scatter "
+            "the noise), or images.noise_nm, a number > 0: the noise stated instead"
+        )
+        raise ExperimentError(sentence(case.file, "images.repeats", "nothing", expected))
 
 
 def _is_there(case: Case, key: str) -> bool:

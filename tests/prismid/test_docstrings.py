@@ -18,8 +18,8 @@ FUNCTIONS = [
 ]
 # Their examples stand in docs/python.md, or they need none.
 WITHOUT = {
-    "bunge_matrix", "check", "correlate", "default_case", "export_case", "orientations_of",
-    "progress_to", "read_hdf5", "report", "results_of", "write_case",
+    "bunge_matrix", "check", "correlate", "correlate_incrementally", "default_case", "export_case",
+    "orientations_of", "progress_to", "read_hdf5", "report", "results_of", "write_case",
 }  # fmt: skip
 
 
