@@ -228,10 +228,6 @@ def refuse_absent_images(case: Case) -> None:
             line each.
     """
     problems: list[str] = []
-    try:
-        _refuse_unknown_noise(case)
-    except ExperimentError as error:
-        problems.append(str(error))
     for key, missing in (
         ("frames", NO_FRAMES), ("repeats", ""), ("flats", ""), ("mask", ""),
         ("noise_map", ""),
@@ -244,6 +240,10 @@ def refuse_absent_images(case: Case) -> None:
             files_of(split_dataset(case.path(name))[0])
         except Refused as refused:
             problems.append(str(stack_error(case, key, refused.found, refused.expected)))
+    try:
+        _refuse_unknown_noise(case)
+    except ExperimentError as error:
+        problems.append(str(error))
     if problems:
         raise ExperimentError("\n".join(problems))
 
