@@ -10,7 +10,7 @@ import shutil
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -20,6 +20,8 @@ from multiprocessing import connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
+
+from threadpoolctl import threadpool_limits
 
 from solver_adapters.interface import PreparedError
 from solver_adapters.kernels import use_threads
@@ -90,7 +92,9 @@ def side_by_side(
     if executor is None and not here:
         executor = executor_elsewhere()
     if executor is not None:
-        _map(executor, partial(_with_threads, work, threads), tasks, max(at_a_time, 1), take)
+        packed = (pickle.dumps(task, pickle.HIGHEST_PROTOCOL) for task in tasks)
+        there = partial(_with_threads, work, threads)
+        _map(executor, there, packed, max(at_a_time, 1), partial(_take_packed, take))
     elif here:
         for index, task in enumerate(tasks):
             take(index, partial(work, task))
@@ -105,7 +109,7 @@ def side_by_side(
 def _map(
     executor: Executor,
     work: Callable[[Task], Result],
-    tasks: Sequence[Task],
+    tasks: Iterable[Task],
     at_a_time: int,
     take: Callable[[int, Callable[[], Result]], None],
 ) -> None:
@@ -130,11 +134,23 @@ def _map(
         raise
 
 
-def _with_threads(work: Callable[[Task], Result], threads: int, task: Task) -> Result:
-    """Do a task in a process that others use, too."""
+def _with_threads(work: Callable[[Task], Result], threads: int, packed: bytes) -> bytes:
+    """Do a task in a process that others use, too.
+
+    Task and result go as they do to processes of this machine: a cluster would lay arrays out in
+    its own way, and sums over them would round otherwise.
+    """
     use_threads(threads)
-    with as_one_of_several():
-        return work(task)
+    # It was not started with the limits of one of ours, and BLAS sums in as many parts as it has
+    # threads.
+    with as_one_of_several(), threadpool_limits(threads):
+        return pickle.dumps(work(pickle.loads(packed)), pickle.HIGHEST_PROTOCOL)
+
+
+def _take_packed(
+    take: Callable[[int, Callable[[], Any]], None], index: int, result: Callable[[], bytes]
+) -> None:
+    take(index, lambda: pickle.loads(result()))
 
 
 @contextmanager

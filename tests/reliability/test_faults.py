@@ -157,8 +157,9 @@ class Faults:
     def refuse_half_files(self) -> None:
         whole = files_of(self.place.reference)
         for name, path in files_of(self.place.results).items():
-            # Folders of what was at work, and the empty file that tells cases to go on, are none.
-            if not re.search(r"\.partial/|^partial-|\.batch/running-", name):
+            # Folders of what was at work, the simulations that an interrupted stage keeps until it
+            # ends, and the empty file that tells cases to go on, are none.
+            if not re.search(r"\.partial/|^partial-|\.kept/|\.batch/running-", name):
                 assert name in whole, f"found {name}"
                 refuse_other_numbers(name, path, whole[name])
 

@@ -138,10 +138,10 @@ def test_a_case_or_its_tasks_on_a_worker_have_the_numbers_of_a_single_process_he
         read_hdf5(tmp_path / name / "results" / "identify.h5")
         for name in ("here", "there", "tasks")
     )
-    for other in others:
+    for where, other in zip(("there", "tasks"), others, strict=True):
         assert one.keys() == other.keys()
         for name, values in one.items():
-            np.testing.assert_array_equal(other[name], values, err_msg=name)
+            np.testing.assert_array_equal(other[name], values, err_msg=f"{where}: {name}")
 
 
 def run(file: Path, told: Path) -> tuple[int, str]:
