@@ -41,6 +41,7 @@ from driver.forward.build import (
     refuse_size,
     used_face,
 )
+from driver.report.style import boundaries_label
 from driver.results.extended_decks import rendered_decks
 from driver.results.files import (
     CHECK_PICTURE,
@@ -130,14 +131,11 @@ def check(case_path: Path, results: Path | None = None) -> list[Finding]:
         return [*findings, Finding("error", "picture", message)]
     except InputError as error:
         return [*findings, Finding("error", "picture", str(error))]
-    findings.append(
-        Finding(
-            "ok",
-            "picture",
-            f"{picture}: ROI, pixels left out, axes, grain boundary, load curve"
-            + (", EBSD map" if map_files(case) and not unoriented else ""),
-        )
-    )
+    boundaries = len(case.grains) - 1
+    drawn = ["ROI", "pixels left out", "axes", "load curve"]
+    drawn += [boundaries_label(boundaries)] if boundaries else []
+    drawn += ["EBSD map"] if map_files(case) and not unoriented else []
+    findings.append(Finding("ok", "picture", f"{picture}: {', '.join(drawn)}"))
     return findings
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from shlex import quote
 from time import perf_counter
 
 import numpy as np
@@ -19,6 +20,7 @@ from driver.common.parallel import side_by_side
 from driver.common.progress import quiet
 from driver.forward.build import capabilities_of
 from driver.forward.cost import simulation_memory, simulation_seconds
+from driver.identification.line_search import newton
 from driver.identification.objective import Evaluation, Objective
 from driver.posterior.importance_sampling import proposals, weighted
 from driver.posterior.moments import Sampled, lines_of, sampled
@@ -93,7 +95,9 @@ def posterior(
     objective = saved_objective(problem, identified)
     at = same_simulation(objective, identified, values).evaluate(values, texts.names)
     near = objective.with_time_steps_of(at).warm_started_from(at)
-    drawn = proposals(at.hessian, draws, seed)
+    step, decrement = newton(objective, at)
+    logger.info(f"  the minimum of the cost is {decrement:.2g} σ from where the fit has ended")
+    drawn = proposals(at.hessian, draws, seed, step)
     inside, sets = _sets(at, objective.parameters, drawn.theta)
     costs = np.full(draws, np.inf)
     with on_workers(case):
@@ -130,7 +134,7 @@ def _refuse_unready(case: Case) -> None:
     every = [stage for stage in stages(case) if stage.name in needed]
     if missing := [name for name in needed if name not in finished(case, every, ())]:
         found = f"no results of {', '.join(missing)} for the case as it is"
-        expected = f"those of `prismid run {case.file} --until identify`"
+        expected = f"those of `prismid run {quote(str(case.file))} --until identify`"
         raise StageError(sentence(results_of(case), "folder", found, expected))
 
 

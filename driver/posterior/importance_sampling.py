@@ -29,7 +29,7 @@ class Proposals:
     """Draws of a distribution that is known.
 
     Attributes:
-        theta: the draws about the maximum, shape (n, k).
+        theta: the draws, shape (n, k).
         log_density: of each, but for a constant, shape (n,).
     """
 
@@ -37,16 +37,24 @@ class Proposals:
     log_density: FloatArray
 
 
-def proposals(hessian: FloatArray, n: int, seed: int) -> Proposals:
+def proposals(
+    hessian: FloatArray, n: int, seed: int, middle: FloatArray | None = None
+) -> Proposals:
     """Return draws of a t about the maximum.
 
     Args:
         hessian: of half the cost, H = JJᵀ + P, shape (k, k).
         n: number of draws.
         seed: of the draws.
+        middle: where the maximum lies, shape (k,); 0 if left out.
     """
     shape = np.linalg.inv(hessian)
-    t = multivariate_t(np.zeros(len(shape)), 0.5 * (shape + shape.T), df=FREEDOM, seed=seed)
+    t = multivariate_t(
+        np.zeros(len(shape)) if middle is None else middle,
+        0.5 * (shape + shape.T),
+        df=FREEDOM,
+        seed=seed,
+    )
     theta = np.asarray(t.rvs(n)).reshape(n, len(shape))
     return Proposals(theta, np.asarray(t.logpdf(theta)).reshape(n))
 

@@ -12,6 +12,8 @@ from driver.posterior.importance_sampling import TRUSTED, Weighted
 from solver_adapters.parameter import Parameter
 
 _INTERVAL = np.array([0.025, 0.5, 0.975])
+_POOR = ": not the Gaussian about the identified value"
+_SCATTER = 2.0  # standard errors of mean and σ
 _SHIFTED, _WIDENED = 0.25, 0.15
 """Shift of the mean [σ] and change of σ beyond which the Gaussian is called a poor one."""
 
@@ -38,11 +40,18 @@ class Sampled:
     median: float
     upper: float
 
-    @property
-    def poor(self) -> bool:
-        """Whether the Gaussian tells another mean or another σ."""
-        shifted = abs(self.mean - self.value) > _SHIFTED * self.sigma
-        return shifted or abs(np.log(self.deviation / self.sigma)) > np.log1p(_WIDENED)
+    def poor(self, effective: float) -> bool:
+        """Whether the Gaussian tells another mean or another σ, by more than draws leave open.
+
+        Args:
+            effective: how many draws of the posterior the weighted ones are worth.
+        """
+        shift = abs(self.mean - self.value) / self.sigma
+        widening = abs(np.log(self.deviation / self.sigma))
+        return bool(
+            shift > _SHIFTED + _SCATTER / np.sqrt(effective)
+            or widening > np.log1p(_WIDENED) + _SCATTER / np.sqrt(2 * effective)
+        )
 
 
 def sampled(
@@ -94,7 +103,8 @@ def lines_of(table: Sequence[Sampled], found: Weighted, failed: int) -> Iterator
         yield (
             f"  {one.name}: {one.value:.5g} ± {one.sigma:.2g}{_unit(one.unit)} by the Hessian; "
             f"posterior {one.mean:.5g} ± {one.deviation:.2g}, 95 % from {one.lower:.5g} to "
-            f"{one.upper:.5g}" + (": the Gaussian is a poor one" if one.poor else "")
+            f"{one.upper:.5g}"
+            + (_POOR if found.shape <= TRUSTED and one.poor(found.effective) else "")
         )
 
 

@@ -14,6 +14,8 @@ from driver.case.model import load_case, write_case
 from driver.common.errors import InputError
 from driver.forward import build
 from driver.posterior.command import posterior
+from driver.posterior.importance_sampling import Weighted
+from driver.posterior.moments import Sampled, lines_of
 from driver.results.files import POSTERIOR, POSTERIOR_DRAWS, RESULTS
 from driver.workflow import pipeline
 from driver.workflow.engine import run_stages
@@ -116,3 +118,14 @@ def test_the_cost_of_a_draw_is_that_of_the_model_with_images_to_first_order() ->
     begin = held.compare(at.prediction, values, free)
     assert held.cost_about(begin, same, values) == pytest.approx(at.cost + (gap / 0.1) ** 2)
     assert np.isfinite(begin.cost)
+
+
+def test_with_weights_that_cannot_be_trusted_no_gaussian_is_called_poor() -> None:
+    one = Sampled("tau0", "MPa", 22.0, 0.2, 23.0, 0.1, 22.8, 23.0, 23.2)
+    weights = np.full(50, 0.02)
+    trusted, doubtful = (list(lines_of([one], Weighted(weights, k), 0)) for k in (0.3, 1.4))
+    assert trusted[-1].endswith("not the Gaussian about the identified value")
+    assert "not to be trusted" in "".join(doubtful) and "Gaussian" not in doubtful[-1]
+    # Of a mean 0.4 σ off ten draws tell nothing, a thousand do.
+    near = replace(one, mean=22.08, deviation=0.2)
+    assert not near.poor(10) and near.poor(1000)

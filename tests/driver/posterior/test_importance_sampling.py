@@ -68,3 +68,10 @@ def test_draws_are_the_same_for_the_same_seed() -> None:
     one, same, other = (proposals(HESSIAN, 5, seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one.theta, same.theta)
     assert not np.array_equal(one.theta, other.theta)
+
+
+def test_draws_lie_about_the_stated_middle_with_the_density_of_the_others() -> None:
+    middle = np.array([3.0, -2.0, 0.5])
+    one, other = proposals(HESSIAN, 50, 1), proposals(HESSIAN, 50, 1, middle)
+    np.testing.assert_allclose(other.theta - middle, one.theta, atol=1e-12)
+    np.testing.assert_allclose(other.log_density, one.log_density, rtol=1e-9)
