@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import monotonic
 
 import numpy as np
@@ -27,6 +27,9 @@ DECREMENT = 0.1  # Newton decrement at convergence: a tenth of a standard deviat
 # the model is curved). A step that would lower the excess by a hundredth changes no answer. What
 # noise alone scatters by is no excess.
 NEGLIGIBLE = math.sqrt(1e-2)
+# Newton decrement at the optimum beside an excess, where the residual bends the cost as well: the
+# steps go to and fro by half a standard deviation (alpha).
+BESIDE_EXCESS = 0.3
 SCATTER = 3.0  # standard deviations of ‖r‖²
 POLISH = 8  # iterations of a fit that begins near its end
 _LIMIT = "the limit of"
@@ -89,6 +92,12 @@ class Fit:
         """Covariance H⁻¹ of θ, shape (k, k)."""
         return np.asarray(np.linalg.inv(self.best.hessian), dtype=np.float64)
 
+    def away_from(self, start: Evaluation, parameters: Mapping[str, Parameter]) -> float:
+        """Return how far from an evaluation the fit has ended [σ], by its Hessian."""
+        there, here = start.values, self.values
+        way = np.array([parameters[n].theta(here[n], there[n]) for n in self.best.free])
+        return float(np.sqrt(way @ self.best.hessian @ way))
+
     def sigma(self, name: str, parameters: Mapping[str, Parameter]) -> float:
         """Return the standard deviation of a value (to first order)."""
         index = self.best.free.index(name)
@@ -105,6 +114,7 @@ def fit(
     tolerance: float = DECREMENT,
     share: float = 0.0,
     threshold: float = math.inf,
+    negligible: float = NEGLIGIBLE,
 ) -> Fit:
     """Minimise the cost; a step that fails, or leads nowhere lower, is shortened.
 
@@ -118,6 +128,8 @@ def fit(
         share: the fit also ends when a step lowers the cost, or would, by less than this share
             of it: enough for a fit that only starts another one.
         threshold: cost that each step has to promise; where one does not, the fit is given up.
+        negligible: the fit also ends where a step would lower the excess misfit by less than the
+            square of this share of it.
 
     Raises:
         SolverError: the model cannot be evaluated at the start.
@@ -140,7 +152,7 @@ def fit(
         if promised_by(step, current) > threshold:
             return ended(False, "a step promises too little", given_up=True)
         excess = max(current.excess - SCATTER * math.sqrt(2.0 * current.residual.size), 0.0)
-        enough = max(tolerance, math.sqrt(share * current.cost), math.sqrt(excess) * NEGLIGIBLE)
+        enough = max(tolerance, math.sqrt(share * current.cost), math.sqrt(excess) * negligible)
         if decrement < enough:
             return ended(True, f"the Newton decrement is {decrement:.2g} σ")
         if iteration == most:
@@ -182,6 +194,28 @@ def fit_from(at: Evaluation, objective: Objective, most: int, tolerance: float =
     """
     begin = objective.compare(at.prediction, at.values, at.free)
     return fit(objective, at.values, at.free, most, begin, tolerance)
+
+
+def to_its_end(fitted: Fit, objective: Objective, most: int) -> Fit:
+    """Return a fit that ended where a step changes little of an excess, taken to its optimum.
+
+    What changes no answer of a diagnosis may still move a parameter by more than its σ.
+
+    Args:
+        fitted: the fit; one that has not converged is returned as it is.
+        objective: its objective.
+        most: largest number of iterations.
+    """
+    here = fitted.best
+    if not fitted.converged or newton(objective, here)[1] < BESIDE_EXCESS:
+        return fitted
+    end = fit(objective, here.values, here.free, most, here, BESIDE_EXCESS, negligible=0.0)
+    return replace(
+        end,
+        history=(*fitted.history, *end.history[1:]),
+        start_load=fitted.start_load,
+        seconds=fitted.seconds + end.seconds,
+    )
 
 
 def _record(here: Evaluation) -> dict[str, float]:

@@ -15,9 +15,11 @@ import numpy as np
 from driver.forward.model import ForwardModel
 from driver.identification.correction import correction
 from driver.identification.discretisation_covariance import DiscretisationError
-from driver.identification.fit import fit
+from driver.identification.fit import fit, to_its_end
 from driver.identification.identifiability import refuse_what_is_not_seen
 from driver.identification.identify import (
+    FAR,
+    MOST_CORRECTIONS,
     START,
     Identification,
     Plan,
@@ -59,18 +61,25 @@ def identify_from_loads(
     weights = model.boundary.weights[model.image_row][data.load_index]
     begin = unload_elastically(start, stiffness, weights, data.load[data.load_index])
     first = fit(objective, begin, plan.free("B"), plan.most, share=START)
-    logger.info("finer mesh and steps at the result, for the correction")
-    change = correction(model, finer, first.best.prediction, first.values, with_steps=True)
-    kappa = share_left(model.microstructure.mesh, plan.sizes)
-    left = kappa * change.of_mesh[1]
-    error = DiscretisationError(np.zeros((left.size, 0)), np.zeros((0, 0)), left)
-    corrected = replace(
-        objective,
-        data=replace(data, simulation_error=error, step_error=change.left_by_steps),
-        correction=replace(change, motion=0.0),
-    )
-    logger.info("all together, with the correction")
-    last = fit(corrected, first.values, plan.free("C"), plan.most)
+    kappa, last = share_left(model.microstructure.mesh, plan.sizes), first
+    for turn in range(MOST_CORRECTIONS):
+        logger.info("finer mesh and steps at the result, for the correction")
+        here = last
+        change = correction(model, finer, here.best.prediction, here.values, with_steps=True)
+        left = kappa * change.of_mesh[1]
+        error = DiscretisationError(np.zeros((left.size, 0)), np.zeros((0, 0)), left)
+        corrected = replace(
+            objective,
+            data=replace(data, simulation_error=error, step_error=change.left_by_steps),
+            correction=replace(change, motion=0.0),
+        )
+        again = " of its result" if turn else ""
+        logger.info(f"all together, with the correction{again}")
+        last = fit(corrected, here.values, plan.free("C"), plan.most)
+        if (away := last.away_from(here.best, objective.parameters)) < FAR:
+            break
+        logger.info(f"  it ended {away:.2g} σ from where its correction was taken")
+    last = to_its_end(last, corrected, plan.most)
     refuse_what_is_not_seen(last.best)
     return Identification(corrected, {"B": first, "C": last}, plan.law)
 

@@ -20,6 +20,7 @@ from driver.common.parallel import side_by_side
 from driver.common.progress import quiet
 from driver.forward.build import capabilities_of
 from driver.forward.cost import simulation_memory, simulation_seconds
+from driver.identification.identify import corrected_with_derivatives
 from driver.identification.line_search import newton
 from driver.identification.objective import Evaluation, Objective
 from driver.posterior.importance_sampling import proposals, weighted
@@ -94,6 +95,7 @@ def posterior(
     _foretell(case, n_cells, n_images, len(texts.names), draws)
     objective = saved_objective(problem, identified)
     at = same_simulation(objective, identified, values).evaluate(values, texts.names)
+    objective, at = corrected_with_derivatives(objective, problem.finer, at, problem.plan.sizes)
     near = objective.with_time_steps_of(at).warm_started_from(at)
     step, decrement = newton(objective, at)
     logger.info(f"  the minimum of the cost is {decrement:.2g} σ from where the fit has ended")

@@ -21,6 +21,8 @@ _ITERATION_SHARE = 0.7
 _PER_REFIT = 6
 _PER_LOOK = 4
 _FINE_RUNS = 8
+# So many of them belong to an identification.
+_CORRECTIONS = 2
 # So often the second mesh, which tells whether a finding hangs on the mesh.
 _SECOND_RUNS = 3
 # Seconds of one core of the correlation for one pixel of one image, all iterations.
@@ -77,14 +79,15 @@ def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> C
     )
     finer = cells_of_size(case, n_cells, case.specimen.fine_mesh_size)
     causes = _cause_directions(len(case.grains)) if case.with_images else 0
-    # The finer simulation tells its derivatives twice: for all that is fitted, and for all causes.
+    # The finer simulation tells its derivatives for all that is fitted, as a rule twice, and then
+    # for all causes.
     exact = not solver.runs_per_direction
-    told = (directions, directions + causes) if exact and case.with_images else ()
+    told = (directions, directions, directions + causes) if exact and case.with_images else ()
 
     runs = (*told, *(0,) * (_FINE_RUNS - len(told)))
     size = case.specimen.fine_mesh_size
     fine, second = correction_seconds(case, solver, n_cells, n_images, size, runs), 0.0
-    first = correction_seconds(case, solver, n_cells, n_images, size, runs[:1])
+    first = correction_seconds(case, solver, n_cells, n_images, size, runs[:_CORRECTIONS])
     if case.with_images:
         size = size_of_second_mesh(case)
         second = correction_seconds(case, solver, n_cells, n_images, size, (0,) * _SECOND_RUNS)

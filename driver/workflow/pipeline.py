@@ -71,7 +71,7 @@ def stages(case: Case) -> Sequence[Stage]:
         inputs = (*_MESH, "history", "sections", "loads", *_IDENTIFY)
         return (
             Stage("mesh", "3", _MESH, run_mesh),
-            Stage("identify", "9", inputs, run_identify_loads, identified_files),
+            Stage("identify", "10", inputs, run_identify_loads, identified_files),
             Stage("report", "4", inputs, run_report_loads, reported_files),
         )
     return (
@@ -86,7 +86,7 @@ def stages(case: Case) -> Sequence[Stage]:
             alone=True,
             reads_on=True,
         ),
-        Stage("identify", "13", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
+        Stage("identify", "14", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
         Stage("diagnose", "12", ("diagnosis",), run_diagnose, diagnosed_files),
         Stage("advise", "1", (), run_advise),
         Stage("report", "11", _REPORT, run_report, reported_files),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from driver.common.errors import InputError
-from driver.identification.fit import DECREMENT, Fit, fit
+from driver.identification.fit import DECREMENT, Fit, fit, to_its_end
 from driver.identification.gauss_newton_step import LARGEST_STEP, LARGEST_STEP_LOG
 from driver.identification.line_search import MOST_HALVINGS, promised
 from driver.identification.objective import Evaluation
@@ -425,6 +425,28 @@ def test_only_misfit_beyond_the_scatter_of_noise_makes_a_step_negligible(
 
     found = fit(formula(one, measured, PLAIN[:1]), {"a": 0.0}, "a", 5)
     assert found.converged and len(found.history) == 1 + steps
+
+
+def test_what_an_excess_makes_negligible_is_fitted_where_the_parameter_is_told() -> None:
+    """The line is met at once; the excess is noise along no parameter."""
+    n = 20_000
+    line = np.zeros((1, n))
+    line[0, 0] = 1.0
+    measured = np.full(n, np.sqrt(1 + 12.0 * np.sqrt(2 / n)))
+    measured[0] = 2.5
+
+    def one(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return p @ line, line
+
+    objective = formula(one, measured, PLAIN[:1])
+    early = fit(objective, {"a": 0.0}, "a", 5)
+    assert early.converged and early.values["a"] == 0.0
+    end = to_its_end(early, objective, 5)
+    assert end.converged and end.values["a"] == pytest.approx(2.5)
+    assert end.away_from(early.best, objective.parameters) == pytest.approx(2.5)
+    assert len(end.history) == 2 and end.history[0] == early.history[0]
+    stuck = replace(early, converged=False)
+    assert to_its_end(end, objective, 5) is end and to_its_end(stuck, objective, 5) is stuck
 
 
 def test_a_fit_is_given_up_where_a_step_promises_too_little_though_the_first_promised_enough(

@@ -7,6 +7,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+import driver.identification.identify as of_stages
 from driver.common.progress import progress_to
 from driver.experiment.history import knot_weights
 from driver.identification.correction import Correction, correction
@@ -22,6 +23,7 @@ from driver.identification.identify import (
     start_values,
     unload_elastically,
 )
+from driver.identification.mesh_error import share_left
 from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.parameters.pose import POSE_DECLARATIONS
 from solver_adapters.interface import Response, Simulation
@@ -89,6 +91,32 @@ def test_the_correction_is_finer_minus_working() -> None:
     np.testing.assert_allclose(found.load, -0.01 * at.best.load, atol=1e-9)
     motion = np.asarray(found.motion)
     assert 1e-5 < np.abs(motion[..., 1]).max() < 1e-3 and np.abs(motion[..., 0]).max() < 1e-15
+
+
+def test_a_correction_is_taken_again_at_the_end_of_a_stage_that_ends_far_from_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What a correction to first order leaves falls with the square of the way."""
+    solver = closed_form.ClosedFormSolver(0.5)
+    finer = replace(BENCH.model, adapter=solver)
+
+    def left(found: Identification) -> float:
+        at = found.final
+        there = finer.predict(at.values, ()).load - at.best.prediction.load
+        return float(np.abs(found.objective.correction.at(at.values).load - there).max())
+
+    once, lines = identification(0.5)
+    assert sum("finer mesh" in line for line in lines) == 1
+    monkeypatch.setattr(of_stages, "FAR", 1e-2)
+    again, lines = identification.__wrapped__(0.5)
+    assert 1 < sum("finer mesh" in line for line in lines) <= of_stages.MOST_CORRECTIONS
+    assert any("σ from where its correction was taken" in line for line in lines)
+    assert left(again) < 0.2 * left(once)
+    # Its noise and covariance are those of the correction that the fit ended with.
+    error = again.objective.data.simulation_error
+    kappa = share_left(BENCH.model.microstructure.mesh, SIZES)
+    assert error is not None
+    np.testing.assert_allclose(error.load, kappa * again.objective.correction.of_mesh[1])
 
 
 @cache
