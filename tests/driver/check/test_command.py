@@ -55,6 +55,13 @@ def case_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "case.toml"
 
 
+@pytest.fixture
+def images_unseen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Images are opened, but neither looked at nor drawn: that takes two seconds."""
+    monkeypatch.setattr(check_module, "look_at_images", lambda *_: ([], None))
+    monkeypatch.setattr(check_module, "draw", lambda *_: None)
+
+
 def edit(path: Path, old: str, new: str) -> None:
     text = path.read_text("utf-8")
     assert text.count(old) == 1
@@ -86,6 +93,7 @@ def test_where_no_picture_can_be_written_all_else_is_still_told(case_path: Path)
     assert found(case_path, "ok")
 
 
+@pytest.mark.usefixtures("images_unseen")
 @pytest.mark.parametrize("kind", get_args(CellKind))
 def test_the_mesh_that_the_case_asks_for_is_counted(case_path: Path, kind: CellKind) -> None:
     edit(case_path, "[specimen]\n", f'[specimen]\ncells = "{kind}"\n')
@@ -99,6 +107,7 @@ def test_the_mesh_that_the_case_asks_for_is_counted(case_path: Path, kind: CellK
     assert message in found(case_path, "ok")
 
 
+@pytest.mark.usefixtures("images_unseen")
 def test_automatic_sizes_are_chosen_and_told_with_their_budget(case_path: Path) -> None:
     edit(case_path, "\nmesh_size_um = 2.0", '\nmesh_size_um = "auto"')
     edit(case_path, "fine_mesh_size_um = 1.1", 'fine_mesh_size_um = "auto"')
@@ -203,6 +212,7 @@ def test_bad_frames_a_wrong_scale_and_dust_are_warned_of_by_name(case_path: Path
     assert any("and 13 as dust" in line for line in found(case_path, "ok"))
 
 
+@pytest.mark.usefixtures("images_unseen")
 def test_a_scheme_that_the_solver_lacks_is_an_error_with_the_remedy(case_path: Path) -> None:
     edit(case_path, 'integration = "backward_euler"', 'integration = "exponential"')
     (message,) = found(case_path, "error")
@@ -210,6 +220,7 @@ def test_a_scheme_that_the_solver_lacks_is_an_error_with_the_remedy(case_path: P
     assert message.endswith("or the key left out")
 
 
+@pytest.mark.usefixtures("images_unseen")
 def test_a_strain_measure_that_a_program_lacks_is_told_once(
     case_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -224,6 +235,7 @@ def test_a_strain_measure_that_a_program_lacks_is_told_once(
     ]
 
 
+@pytest.mark.usefixtures("images_unseen")
 def test_the_caution_of_a_solver_about_a_strain_measure_is_a_warning(
     case_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -235,6 +247,7 @@ def test_the_caution_of_a_solver_about_a_strain_measure_is_a_warning(
     assert found(case_path, "warning") == ["Small is coarse."]
 
 
+@pytest.mark.usefixtures("images_unseen")
 def test_a_program_that_is_not_there_is_a_warning_that_says_where_to_name_it(
     case_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -251,6 +264,7 @@ def test_a_program_that_is_not_there_is_a_warning_that_says_where_to_name_it(
     assert message.startswith(f"{config}: profiles.bundled.threads: found 0, expected")
 
 
+@pytest.mark.usefixtures("images_unseen")
 def test_the_store_of_a_program_is_told_and_one_that_cannot_be_made_is_an_error(
     case_path: Path,
 ) -> None:
@@ -264,6 +278,7 @@ def test_the_store_of_a_program_is_told_and_one_that_cannot_be_made_is_an_error(
     assert message.startswith(f"{case_path}: execution.store: found ")
 
 
+@pytest.mark.usefixtures("images_unseen")
 def test_a_program_that_cannot_start_is_an_error_with_what_it_said(
     case_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -277,6 +292,7 @@ def test_a_program_that_cannot_start_is_an_error_with_what_it_said(
     assert "No module named run_aster" in message
 
 
+@pytest.mark.usefixtures("images_unseen")
 def test_a_solver_that_is_not_installed_is_an_error_with_those_that_are(
     case_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -286,6 +302,7 @@ def test_a_solver_that_is_not_installed_is_an_error_with_those_that_are(
     assert message.startswith('solver.name: found "abaqus", expected one of bundled')
 
 
+@pytest.mark.usefixtures("images_unseen")
 def test_what_each_external_solver_makes_of_the_model_is_told_and_is_no_error(
     case_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -299,6 +316,7 @@ def test_what_each_external_solver_makes_of_the_model_is_told_and_is_no_error(
     ]
 
 
+@pytest.mark.usefixtures("images_unseen")
 def test_what_an_external_solver_refuses_is_found_before_it_runs(
     case_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -313,6 +331,7 @@ def test_what_an_external_solver_refuses_is_found_before_it_runs(
     assert "the bar has no images" in found(case_path, "error")
 
 
+@pytest.mark.usefixtures("images_unseen")
 def test_sizes_of_more_cells_than_any_machine_holds_are_found_by_their_keys(
     case_path: Path,
 ) -> None:
@@ -324,6 +343,7 @@ def test_sizes_of_more_cells_than_any_machine_holds_are_found_by_their_keys(
     )
 
 
+@pytest.mark.usefixtures("images_unseen")
 def test_a_run_that_needs_more_memory_than_there_is_is_no_good_case(
     case_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -338,6 +358,7 @@ def test_the_name_of_a_grain_is_drawn_letter_by_letter(case_path: Path) -> None:
     assert found["picture"].level == "ok"
 
 
+@pytest.mark.usefixtures("images_unseen")
 def test_a_prism_that_is_none_is_told_as_such_and_not_by_the_size_of_its_cells(
     case_path: Path,
 ) -> None:
