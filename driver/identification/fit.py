@@ -142,7 +142,7 @@ def fit(
         excess = max(current.excess - SCATTER * math.sqrt(2.0 * current.residual.size), 0.0)
         enough = max(tolerance, math.sqrt(share * current.cost), math.sqrt(excess) * NEGLIGIBLE)
         if decrement < enough:
-            return ended(True, f"the Newton decrement is {decrement:.2g} σ")
+            return ended(True, _why_enough(decrement, tolerance, share * current.cost, excess))
         if iteration == most:
             reason = f"{_LIMIT} {most} iterations, decrement {decrement:.2g} σ"
             return ended(False, reason)
@@ -182,6 +182,26 @@ def fit_from(at: Evaluation, objective: Objective, most: int, tolerance: float =
     """
     begin = objective.compare(at.prediction, at.values, at.free)
     return fit(objective, at.values, at.free, most, begin, tolerance)
+
+
+def _why_enough(decrement: float, tolerance: float, begun: float, excess: float) -> str:
+    """Return why a fit may end with a Newton decrement [σ], whose square a step would gain.
+
+    Args:
+        decrement: as it is.
+        tolerance: below which it tells by itself.
+        begun: gain below which a fit that only starts another one ends.
+        excess: misfit beyond the scatter of noise.
+    """
+    found = f"the Newton decrement is {decrement:.2g} σ"
+    if decrement < tolerance:
+        return found
+    if decrement**2 < begun:
+        return f"{found}, so that a step would gain {decrement**2:.2g}, too little for a first fit"
+    return (
+        f"{found}, so that a step would gain {decrement**2:.2g}, less than {NEGLIGIBLE**2:.0%} of "
+        f"the misfit beyond noise, {excess:.3g}, which no parameter takes away"
+    )
 
 
 def _record(here: Evaluation) -> dict[str, float]:
