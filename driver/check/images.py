@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from driver.case.model import Case
-from driver.check.check_result import Finding
 from driver.common.errors import InputError
 from driver.dic.basis import grid_basis
 from driver.dic.resolution_check import refuse_too_fine
+from driver.doubts.finding import Finding
 from driver.experiment.images.flatfield import FlatField, flat_pattern
 from driver.experiment.images.heightmaps import on_surface
 from driver.experiment.images.outliers import (

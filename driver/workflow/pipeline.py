@@ -18,6 +18,7 @@ from driver.case.specimen import SIZES
 from driver.common.errors import sentence
 from driver.common.formatting import cost_told, joined
 from driver.diagnosis.causes.user_causes import asked_causes
+from driver.doubts.before_run import warnings_before_run
 from driver.experiment.held_out import held_out_cycle
 from driver.experiment.history import travel_told
 from driver.experiment.reading import history_of, refuse_absent_images
@@ -154,6 +155,9 @@ def run(
         logger.info(told_beforehand(case, cost))
     if not case.with_images:
         logger.info(SKIPPED)
+    if left:
+        for finding in warnings_before_run(case, history):
+            logger.info(f"WARNING: {finding.subject}: {finding.message}")
     refined = partial(refined_within_budget, stages=every)
     with on_workers(case) if left else nullcontext():
         run_stages(case, every, until, force, prepare_only, refined, coarser_again)

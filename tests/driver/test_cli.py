@@ -16,10 +16,10 @@ import driver
 import driver.export.command
 import driver.workflow
 from driver.case.model import CaseError, load_case
-from driver.check.check_result import Finding
-from driver.check.magnitudes import youngs_modulus
 from driver.cli import app
 from driver.common.errors import InputError
+from driver.doubts.finding import Finding
+from driver.doubts.magnitudes import youngs_modulus
 from driver.terminal import exit_codes
 from solver_adapters import kernels
 from solver_adapters.crystal import FCC

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from driver.case.grains import EbsdFrame
 from driver.experiment.ebsd.cubic_symmetry import disorientations, mean_orientation
 from driver.experiment.ebsd.maps import CUBIC, EbsdMap
 from driver.experiment.ebsd.segmentation import grid_steps
@@ -42,6 +43,7 @@ class PickedGrain:
         surroundings: indexed points of the whole map, and all of them.
         surface: Euler angles of the acquired surface, as the file states them [degrees].
         like_radians: whether angles of the map look like radians, and should be degrees.
+        makers: of the system whose software has written the map, none where that is not known.
     """
 
     rotation: FloatArray
@@ -51,6 +53,7 @@ class PickedGrain:
     surroundings: tuple[int, int]
     surface: tuple[float, float, float]
     like_radians: bool
+    makers: tuple[EbsdFrame, ...] = ()
 
 
 def picked_grain(points: EbsdMap, numbers: IntArray, pick: Pick) -> PickedGrain:
@@ -82,6 +85,7 @@ def picked_grain(points: EbsdMap, numbers: IntArray, pick: Pick) -> PickedGrain:
         surroundings=(int(np.count_nonzero(points.indexed)), points.x.size),
         surface=points.surface,
         like_radians=points.like_radians,
+        makers=points.makers,
     )
 
 

@@ -8,11 +8,11 @@ from math import pi
 
 import numpy as np
 
-from driver.case.grains import Grain
+from driver.case.grains import EULER_AXES, Grain
 from driver.case.model import Case
-from driver.check.check_result import Finding
 from driver.common.errors import InputError, show
 from driver.diagnosis.causes.ebsd_flips import SAME, disorientation
+from driver.doubts.finding import Finding
 from driver.experiment.ebsd.picking import PickedGrain
 from driver.experiment.ebsd.segmentation import THRESHOLD
 from driver.experiment.orientations import (
@@ -41,7 +41,7 @@ def look_at_orientations(case: Case) -> list[Finding]:
         found = grain_orientations(case)
     except InputError as error:
         return [Finding("error", _SUBJECT, str(error))]
-    findings = list(_frames(case))
+    findings = [*_frames(case), *_of_another_maker(case, found)]
     scales = rotation_scales(case)
     for number, (grain, orientation) in enumerate(zip(case.grains, found, strict=True), start=1):
         along = " ".join(f"{component:+.3f}" for component in orientation.rotation[1])
@@ -110,6 +110,28 @@ def _frames(case: Case) -> Iterator[Finding]:
             "along +Z, out of the measured face; expected it along −Z for a map of that face, as "
             "[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]] with x of the map along Y and y "
             "along X",
+        )
+
+
+def _of_another_maker(case: Case, found: Sequence[GrainOrientation]) -> Iterator[Finding]:
+    """Yield maps that the software of another maker has written than the stated frame is of."""
+    stated = case.orientation.ebsd_frame
+    makers = {
+        case.path(grain.ebsd): orientation.of_map.makers
+        for grain, orientation in zip(case.grains, found, strict=True)
+        if grain.ebsd is not None and orientation.of_map is not None
+    }
+    for file, known in makers.items():
+        # Those of Oxford and Bruker are one frame.
+        if stated is None or not known or any(EULER_AXES[m] == EULER_AXES[stated] for m in known):
+            continue
+        expected = " or ".join(f'"{maker}"' for maker in known)
+        yield Finding(
+            "warning",
+            _SUBJECT,
+            f'{file}: orientation.ebsd_frame: found "{stated}" for a map that by its header was '
+            f"written by the software of another maker, expected {expected}; the grains are turned "
+            "by a quarter about the normal if that is wrong (docs/ebsd.md)",
         )
 
 
