@@ -19,12 +19,15 @@ from driver.experiment.orientations import (
     GrainOrientation,
     grain_orientations,
     map_files,
+    map_traces,
     rotation_scales,
 )
 from driver.parameters.microstructure import ROTATION_SCALE
 from solver_adapters.crystal import bunge_angles, bunge_matrix
 
 _SUBJECT = "orientation"
+_FLAT = 0.2  # sine of the angle between a boundary and the map, below which it has no clear trace
+_MISALIGNED = 8.0  # degrees by which a map and a face may be put in beside one another
 _FEW = 10  # points, of which a mean says little
 
 
@@ -52,7 +55,8 @@ def look_at_orientations(case: Case) -> list[Finding]:
         else:
             scale = scales.get(f"rotation_grain{number}_x", ROTATION_SCALE)
             findings += _of_map(case, number, grain, orientation, orientation.of_map, scale)
-    return [*findings, *_alike(case, found), *_out_of_order(case, found)]
+    findings += [*_alike(case, found), *_out_of_order(case, found)]
+    return [*findings, *_other_boundaries(case)]
 
 
 def _angles(key: str, angles: tuple[float, float, float]) -> Iterator[Finding]:
@@ -224,3 +228,34 @@ def _out_of_order(case: Case, found: Sequence[GrainOrientation]) -> Iterator[Fin
                 f"{second.name} in {first.ebsd}; expected grains in their order from S− (Y = 0) "
                 "on: exchange what picks them, or turn the matrix",
             )
+
+
+def _other_boundaries(case: Case) -> Iterator[Finding]:
+    """Yield grain boundaries whose trace on the face a map shows in another direction."""
+    frame, planes = case.orientation.rotation, case.specimen.planes
+    for number, trace in map_traces(case).items():
+        if number >= len(planes):
+            continue
+        normal = np.asarray(planes[number].normal) / np.linalg.norm(planes[number].normal)
+        into, seen = frame[:, 2], frame[:, :2] @ trace.along
+        stated = np.cross(normal, into)
+        steep = float(np.linalg.norm(stated))
+        if steep < _FLAT:
+            continue  # nearly the plane of the map itself
+        angle = float(np.rad2deg(np.arccos(min(abs(float(stated @ seen)) / steep, 1.0))))
+        error = np.rad2deg(max(3 * trace.sigma, 2 * trace.resolution))
+        if angle <= max(_MISALIGNED, error):
+            continue
+        across = np.cross(into, seen)
+        across *= np.sign(across @ normal)
+        shown = [round(float(c), 3) for c in (normal @ into) * into + steep * across]
+        key = "boundary_normal" if case.specimen.boundary_normal else f"boundaries.{number + 1}"
+        first, second = case.grains[number : number + 2]
+        yield Finding(
+            "warning",
+            _SUBJECT,
+            f"specimen.{key}: found a plane whose trace on the face is {angle:.0f}° from that of "
+            f"{first.name} and {second.name} in {first.ebsd} (± {np.rad2deg(trace.sigma):.1f}°), "
+            f"expected about {show(shown)}; look at the normal, and at "
+            "orientation.ebsd_to_specimen",
+        )

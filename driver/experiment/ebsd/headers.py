@@ -117,8 +117,31 @@ def read_header(file: Path) -> Header:
             )
     known = (steps[0], steps[1]) if len(steps) == 2 and min(steps) > 0 else None
     return Header(
-        known, _points(entries, ang), (surface[0], surface[1], surface[2]), _makers(file, ang)
+        known, _points(entries, ang), (surface[0], surface[1], surface[2]), makers_of(file)
     )
+
+
+def makers_of(file: Path) -> tuple[EbsdFrame, ...]:
+    """Return the makers of the system whose software has written a text file of a map.
+
+    Oxford's and Bruker's .ctf are alike, and so are their frames.
+
+    Args:
+        file: whatever its kind; it may be absent.
+
+    Returns:
+        None of them where that is not known.
+    """
+    ang = file.suffix.lower() == ANG
+    if not ang and file.suffix.lower() != CTF:
+        return ()
+    mark, makers = (_OF_EDAX, _EDAX) if ang else (_OF_CHANNEL, _CHANNEL)
+    try:
+        lines = list(_header_lines(file, ang))
+    except (OSError, ValueError):
+        return ()
+    handed_on = any(map(_HANDED_ON.search, lines))
+    return makers if not handed_on and any(line.startswith(mark) for line in lines) else ()
 
 
 def _header_lines(file: Path, ang: bool) -> Iterator[str]:
@@ -135,15 +158,6 @@ def _entries(file: Path, ang: bool) -> Iterator[tuple[str, str]]:
         match = pattern.match(line)
         if match:
             yield match[1], match[2]
-
-
-def _makers(file: Path, ang: bool) -> tuple[EbsdFrame, ...]:
-    """Return whose software has written a text file; Oxford's and Bruker's .ctf are alike."""
-    lines = list(_header_lines(file, ang))
-    mark, makers = (_OF_EDAX, _EDAX) if ang else (_OF_CHANNEL, _CHANNEL)
-    if any(map(_HANDED_ON.search, lines)) or not any(line.startswith(mark) for line in lines):
-        return ()
-    return makers
 
 
 def _number(entries: dict[str, str], name: str) -> float:
