@@ -137,6 +137,8 @@ def _noise_of_repeats(case: Case, reference: Reference) -> Iterator[Finding]:
         f"{sigma:.2f} ± {error:.2f} nm from {reference.n} repeats ({noise.dof} degrees of "
         f"freedom{moved})",
     )
+    if reference.stretch is not None and reference.stretch.told:
+        yield Finding("warning", "noise", reference.stretch.told)
     nominal = case.images.noise_nm
     if not 1 / CONTRADICTS < sigma / nominal < CONTRADICTS:
         yield Finding(

@@ -27,6 +27,7 @@ from driver.experiment.images.reference import (
     stated_reference,
 )
 from driver.experiment.images.region import Bounds, CodeArray
+from driver.experiment.images.repeat_stretch import RepeatStretch
 from meshes.arrays import BoolArray, FloatArray, IntArray
 
 SMOOTHING = 1.0  # px; of the first gradient, whose noise would otherwise rival the pattern
@@ -98,6 +99,7 @@ class SurfaceImages:
         codes: what becomes of each pixel, values of `Excluded`, shape (rows, cols).
         of_series: whether the reference is frame 0 of the series, for want of repeats: that frame
             says nothing of itself.
+        repeat_stretch: strain between the repeats, None without.
     """
 
     xy: FloatArray
@@ -119,6 +121,7 @@ class SurfaceImages:
     flat_noise: FloatArray
     codes: CodeArray
     of_series: bool = False
+    repeat_stretch: RepeatStretch | None = None
 
     @property
     def n_frames(self) -> int:
@@ -327,6 +330,7 @@ def over_region(
         flat_pattern=pattern,
         flat_noise=np.zeros(shape) if flat is None or pattern is None else flat.pattern - pattern,
         codes=reference.codes,
+        repeat_stretch=reference.stretch,
     )
 
 

@@ -41,6 +41,8 @@ def tell_images(images: SurfaceImages) -> None:
     )
     if images.of_series:
         logger.info(f"  without repeats {COST}")
+    if images.repeat_stretch is not None and images.repeat_stretch.told:
+        logger.info(f"  WARNING: {images.repeat_stretch.told}")
 
 
 def tell_contradiction(stated: float, seen: float, chi: FloatArray) -> None:
