@@ -109,7 +109,7 @@ def map_traces(case: Case) -> dict[int, MapTrace]:
     Raises:
         OrientationError: a map cannot be used.
     """
-    traces = {}
+    traces: dict[int, MapTrace] = {}
     for file in map_files(case):
         here, width = _picks(case, file), case.specimen.width
         try:

@@ -49,8 +49,8 @@ class RepeatStretch:
         z = self.value / self.sigma
         trend = float(z @ order) ** 2 / float(order @ order)
         chance = _CHANCE / 2
-        scatter = float(z @ z)
-        return scatter > chi2_isf(chance, self.value.size - 1) or trend > chi2_isf(chance, 1)
+        n = self.value.size
+        return bool(float(z @ z) > chi2_isf(chance, n - 1) or trend > chi2_isf(chance, 1))
 
 
 def stretch_of_repeats(

@@ -221,8 +221,8 @@ def tilted(folder: Path, normal: tuple[float, float, float], angle: float) -> li
         for name, at in (("first", 3.0), ("second", 9.0))
     )
     case = case_of(folder, *grains, ebsd_frame="edax", ebsd_to_specimen=ROWS)
-    specimen = {"boundary_point_um": (0.0, 6.0, 0.0), "boundary_normal": normal}
-    specimen = case.specimen.model_copy(update=specimen)
+    plane = {"boundary_point_um": (0.0, 6.0, 0.0), "boundary_normal": normal}
+    specimen = case.specimen.model_copy(update=plane)
     return told(case.model_copy(update={"specimen": specimen}), "warning")
 
 
