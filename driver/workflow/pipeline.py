@@ -80,7 +80,7 @@ def stages(case: Case) -> Sequence[Stage]:
         Stage("mesh", "3", _MESH, run_mesh),
         Stage(
             "measure",
-            "10",
+            "11",
             _MEASURE,
             run_measure,
             measured_files,
