@@ -156,6 +156,8 @@ def init(
 
     Names of files are those that the case has, seen from DIR.
     """
+    from driver.experiment.ebsd.headers import makers_of
+
     with told_in_one_line():
         path, schema = folder / CASE_FILE, folder / SCHEMA_FILE
         if folder.exists() and not folder.is_dir():
@@ -164,7 +166,8 @@ def init(
             if file.exists() or file.is_symlink():
                 raise CaseError(sentence(file, "file", "a file", "none: it is not overwritten"))
         named = NewFiles(frames, repeats, flats, history, ebsd, noise_nm)
-        case = new_case(path, named, crystal, shape)
+        frame = None if ebsd is None else next(iter(makers_of(folder / ebsd)), None)
+        case = new_case(path, named, crystal, shape, frame)
         folder.mkdir(parents=True, exist_ok=True)
         write_case(case, path)
         write_whole(schema, schema_text())

@@ -15,11 +15,11 @@ from prismid.precedence import own_packages_first
 
 if TYPE_CHECKING:
     from driver.case.model import Case, default_case, write_case
-    from driver.check.check_result import Finding
     from driver.common.errors import InputError
     from driver.common.progress import progress_to
     from driver.dic.correlation import Correlation, Options, correlate
     from driver.dic.incremental import IncrementalCorrelation, correlate_incrementally
+    from driver.doubts.finding import Finding
     from driver.experiment.orientations import orientations_of
     from driver.results.files import results_of
     from driver.results.hdf5 import read_hdf5
@@ -75,7 +75,7 @@ __all__ = [
 _MODULES = {
     "Case": "driver.case.model",
     "Correlation": "driver.dic.correlation",
-    "Finding": "driver.check.check_result",
+    "Finding": "driver.doubts.finding",
     "IncrementalCorrelation": "driver.dic.incremental",
     "InputError": "driver.common.errors",
     "Material": "solver_adapters.material",

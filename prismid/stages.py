@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from driver.check import command as check_command
-from driver.check.check_result import Finding
+from driver.doubts.finding import Finding
 from driver.export import command as export_command
 from driver.workflow import pipeline
 from prismid.cases import CaseLike, file_of

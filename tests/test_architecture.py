@@ -28,6 +28,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
         "driver.verify",
     ),
     ("driver.workflow",),
+    ("driver.doubts",),
     ("driver.design", "driver.noise_floor"),
     ("driver.virtual",),
     ("driver.report",),

@@ -36,6 +36,9 @@ the axes of the Euler angles in it:
 """
 
 
+OF_THE_FACE: tuple[Vector, Vector, Vector] = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
+"""From a map of the measured face to the specimen, x of the map along Y and y along X."""
+
 GIVES_WAY: dict[str, tuple[str, ...]] = {
     "euler_deg": ("ebsd", "ebsd_point_um", "ebsd_grain"),
     "ebsd": ("euler_deg",),

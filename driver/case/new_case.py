@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from driver.case.grains import Grain
+from driver.case.grains import OF_THE_FACE, EbsdFrame, Grain, Orientation
 from driver.case.history import HistoryTable
 from driver.case.images import Images
 from driver.case.material import Crystal
@@ -37,8 +37,17 @@ class NewFiles:
     noise_nm: float | None = None
 
 
-def new_case(path: Path, files: NewFiles, crystal: Crystal = "bcc", shape: Shape = "prism") -> Case:
+def new_case(
+    path: Path,
+    files: NewFiles,
+    crystal: Crystal = "bcc",
+    shape: Shape = "prism",
+    ebsd_frame: EbsdFrame | None = None,
+) -> Case:
     """Return the default case with these files.
+
+    A map is taken for one of the measured face, its rows along the loading axis: no file says so,
+    and the lines above what states it ask for it.
 
     Flats that are not named are left out where frames are: of another kind of file the heights
     are of another kind, too. Repeats that are not named are left out where the noise is stated.
@@ -48,6 +57,7 @@ def new_case(path: Path, files: NewFiles, crystal: Crystal = "bcc", shape: Shape
         files: what it names.
         crystal: whose slip systems and constants it has.
         shape: of the specimen.
+        ebsd_frame: of the Euler angles of its map, where it is known.
 
     Raises:
         CaseError: a name is empty, or the noise no number above 0.
@@ -72,4 +82,5 @@ def new_case(path: Path, files: NewFiles, crystal: Crystal = "bcc", shape: Shape
         of_case["history"] = HistoryTable(file=files.history)
     if files.ebsd:
         of_case["grains"] = tuple(Grain(name=g.name, ebsd=files.ebsd) for g in case.grains)
+        of_case["orientation"] = Orientation(ebsd_frame=ebsd_frame, ebsd_to_specimen=OF_THE_FACE)
     return case.model_copy(update=of_case)

@@ -15,19 +15,19 @@ from driver.case.model import Case, load_case
 from driver.case.scheduler import client_of, requests_of_scheduler
 from driver.case.solver_profiles import profile_of
 from driver.case.specimen import SIZES
-from driver.check.check_result import Finding
 from driver.check.ebsd_picture import map_pictures
 from driver.check.images import look_at_images
-from driver.check.loads import stated_motion, strange_loads
-from driver.check.orientations import look_at_orientations
 from driver.check.picture import draw
-from driver.check.plausible import in_figures
 from driver.check.steps import recommended_steps
 from driver.common import machine
 from driver.common.errors import InputError, sentence, why
 from driver.common.formatting import cost_told
 from driver.diagnosis.causes.user_causes import asked_causes
 from driver.dic.region import within
+from driver.doubts.finding import Finding
+from driver.doubts.loads import stated_motion, strange_loads
+from driver.doubts.orientations import look_at_orientations
+from driver.doubts.plausible import in_figures
 from driver.experiment.held_out import held_out_cycle
 from driver.experiment.history import History, travel_told
 from driver.experiment.orientations import map_files

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from driver.case.model import Case
-from driver.check.check_result import Finding
 from driver.common.errors import InputError
 from driver.dic.basis import grid_basis
 from driver.dic.resolution_check import refuse_too_fine
+from driver.doubts.finding import Finding
 from driver.experiment.images.flatfield import FlatField, flat_pattern
 from driver.experiment.images.heightmaps import on_surface
 from driver.experiment.images.outliers import (
@@ -137,6 +137,8 @@ def _noise_of_repeats(case: Case, reference: Reference) -> Iterator[Finding]:
         f"{sigma:.2f} ± {error:.2f} nm from {reference.n} repeats ({noise.dof} degrees of "
         f"freedom{moved})",
     )
+    if reference.stretch is not None and reference.stretch.told:
+        yield Finding("warning", "noise", reference.stretch.told)
     nominal = case.images.noise_nm
     if not 1 / CONTRADICTS < sigma / nominal < CONTRADICTS:
         yield Finding(

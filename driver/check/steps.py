@@ -13,8 +13,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from driver.case.model import Case
-from driver.check.check_result import Finding
 from driver.common.errors import InputError
+from driver.doubts.finding import Finding
 from driver.experiment.history import History
 from driver.forward.boundary_motion import knots_of_stage
 from driver.forward.build import build_model, integration_of, mesh_of

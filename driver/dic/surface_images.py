@@ -27,6 +27,7 @@ from driver.experiment.images.reference import (
     stated_reference,
 )
 from driver.experiment.images.region import Bounds, CodeArray
+from driver.experiment.images.repeat_stretch import RepeatStretch
 from meshes.arrays import BoolArray, FloatArray, IntArray
 
 SMOOTHING = 1.0  # px; of the first gradient, whose noise would otherwise rival the pattern
@@ -43,6 +44,31 @@ class PixelFields(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class Rescaling:
+    """Frames that show the relief higher or lower than the reference does, brought to its height.
+
+    The noise of a frame is divided with its heights: it is that of the others where their scale
+    has changed, and not where focus did the same.
+
+    Attributes:
+        gains: heights of each frame over those of the reference, shape (T,).
+        rows, cols: pixels over which the mean height of a frame stays, shape (n_pix,) each.
+    """
+
+    gains: FloatArray
+    rows: IntArray
+    cols: IntArray
+
+    def of(self, t: int, spline: FloatArray) -> FloatArray:
+        """Return coefficients of frame t [µm], as they are where its gain is 1."""
+        gain = float(self.gains[t])
+        if gain == 1.0:
+            return spline
+        level = float(np.nanmean(spline[self.rows, self.cols]))
+        return (spline - level) / gain + level
+
+
+@dataclass(frozen=True, eq=False)
 class FrameSplines:
     """Spline coefficients of corrected frames, made anew whenever one is asked for.
 
@@ -52,11 +78,13 @@ class FrameSplines:
         frames: height maps of the series [µm].
         flat: fixed pattern to subtract, if known.
         first: number of the first frame that is asked for.
+        rescaling: of all frames, None without.
     """
 
     frames: HeightMaps
     flat: FlatField | None
     first: int = 0
+    rescaling: Rescaling | None = None
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -68,7 +96,7 @@ class FrameSplines:
         heights = self.frames[number]
         spline: FloatArray = coefficients(corrected(heights, self.flat, f"frame {number}"))
         mark_gaps(spline, heights)
-        return spline
+        return spline if self.rescaling is None else self.rescaling.of(number, spline)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +126,7 @@ class SurfaceImages:
         codes: what becomes of each pixel, values of `Excluded`, shape (rows, cols).
         of_series: whether the reference is frame 0 of the series, for want of repeats: that frame
             says nothing of itself.
+        repeat_stretch: strain between the repeats, None without.
     """
 
     xy: FloatArray
@@ -119,6 +148,7 @@ class SurfaceImages:
     flat_noise: FloatArray
     codes: CodeArray
     of_series: bool = False
+    repeat_stretch: RepeatStretch | None = None
 
     @property
     def n_frames(self) -> int:
@@ -140,6 +170,21 @@ class SurfaceImages:
         else:
             later = np.asarray(every)[1:]
         return replace(self, frames=replace(self.frames, coefficients=later), of_series=False)
+
+    def rescaled(self, gains: FloatArray) -> SurfaceImages:
+        """Return the series with its frames brought to the height of the reference.
+
+        Args:
+            gains: heights of each frame over those of the reference, shape (T,).
+        """
+        if (gains == 1.0).all():
+            return self
+        rescaling, every = Rescaling(gains, self.rows, self.cols), self.frames.coefficients
+        if isinstance(every, FrameSplines):
+            scaled: FloatArray | FrameSplines = replace(every, rescaling=rescaling)
+        else:
+            scaled = np.array([rescaling.of(t, every[t]) for t in range(len(every))])
+        return replace(self, frames=replace(self.frames, coefficients=scaled))
 
     def only(self, index: IntArray) -> SurfaceImages:
         """Return some frames of the series, their splines kept in memory."""
@@ -327,6 +372,7 @@ def over_region(
         flat_pattern=pattern,
         flat_noise=np.zeros(shape) if flat is None or pattern is None else flat.pattern - pattern,
         codes=reference.codes,
+        repeat_stretch=reference.stretch,
     )
 
 

@@ -17,9 +17,8 @@ from meshes.arrays import FloatArray, IntArray
 
 _PLAIN = HistoryTable()
 COLUMNS = ("time_s", "stage_um", "image", "force_N")
-# The stage has turned when it has gone back by this share of its whole range: less is play
-# or encoder noise.
-_REVERSAL = 0.02
+REVERSAL = 0.02
+"""Share of its whole range by which the stage has turned: less is play or encoder noise."""
 _TOLD = 12  # reversals at most that are told
 
 
@@ -156,7 +155,7 @@ def turning_points(stage: FloatArray, noise: float = 0.0) -> IntArray:
         stage: stage travel [µm], shape (n_rows,).
         noise: its standard deviation [µm].
     """
-    tolerance = max(_REVERSAL * float(np.ptp(stage)), SIGNIFICANT * noise)
+    tolerance = max(REVERSAL * float(np.ptp(stage)), SIGNIFICANT * noise)
     turning, direction, best = [0], 0.0, 0
     for row in range(1, stage.size):
         if direction == 0.0:

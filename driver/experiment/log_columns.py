@@ -189,14 +189,10 @@ def _refuse_other_units(
     path: Path, stated: HistoryTable, lines: Sequence[str], columns: Mapping[str, LogColumn]
 ) -> None:
     """Refuse a column of which its name, or a row below the names, says another unit."""
-    last = min(stated.first_data_row - 1, len(lines))
-    below = range(stated.header_row, last) if stated.header_row else ()
     for kind, column in columns.items():
         if isinstance(getattr(stated, kind).name, int):
             continue
-        said = {stated.header_row: unit_in(column.name, kind)}
-        for row in below:
-            said[row + 1] = unit_in_row(lines[row], stated.separator, column.place, kind)
+        said = _units_said(stated, lines, column)
         for number, unit in said.items():
             if unit is not None and not same_unit(unit, column.unit):
                 found = f'the column {column.name} in "{unit}"'
@@ -205,6 +201,34 @@ def _refuse_other_units(
                     f"that tells a wrong unit is stated by its number, name = {column.place + 1})"
                 )
                 raise HistoryError(sentence(path, f"row {number}", found, expected))
+
+
+def _units_said(
+    stated: HistoryTable, lines: Sequence[str], column: LogColumn
+) -> Mapping[int, str | None]:
+    """Return what the name of a column and the rows below the names say of its unit, by the row."""
+    last = min(stated.first_data_row - 1, len(lines))
+    below = range(stated.header_row, last) if stated.header_row else ()
+    return {stated.header_row: unit_in(column.name, column.kind)} | {
+        row + 1: unit_in_row(lines[row], stated.separator, column.place, column.kind)
+        for row in below
+    }
+
+
+def tells_unit(path: Path, stated: HistoryTable, kind: str) -> bool:
+    """Whether a log itself says in which unit a column is, right or wrong.
+
+    Args:
+        path: the file.
+        stated: how it is written.
+        kind: "time", "stage" or "force".
+
+    Raises:
+        HistoryError: the file cannot be read as stated.
+    """
+    lines = log_lines(path, stated)
+    column = _column(path, stated, names_of(path, lines, stated), kind)
+    return column is not None and any(_units_said(stated, lines, column).values())
 
 
 def _refuse_no_numbers(

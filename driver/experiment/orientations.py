@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from driver.case.model import Case
 from driver.common.errors import InputError, sentence, why
+from driver.experiment.ebsd.boundary_trace import MapTrace, boundary_trace
 from driver.experiment.ebsd.headers import EXPECTED
 from driver.experiment.ebsd.maps import read_map
-from driver.experiment.ebsd.picking import Pick, PickedGrain, picked_grain
+from driver.experiment.ebsd.picking import Pick, PickedGrain, members_of, picked_grain
 from driver.experiment.ebsd.segmentation import grain_numbers
 from driver.experiment.images.files import Refused
 from driver.parameters.microstructure import ROTATION_SCALE
@@ -98,15 +100,46 @@ def map_files(case: Case) -> tuple[Path, ...]:
     return tuple(case.path(name) for name in names)
 
 
+def map_traces(case: Case) -> dict[int, MapTrace]:
+    """Return the traces of grain boundaries on maps, by the number of the boundary from 0.
+
+    They are looked at over the width of the specimen, where a map shows both grains side by side
+    and the boundary between them is straight.
+
+    Raises:
+        OrientationError: a map cannot be used.
+    """
+    traces: dict[int, MapTrace] = {}
+    for file in map_files(case):
+        here, width = _picks(case, file), case.specimen.width
+        try:
+            found = _traces(file, _stamp(file), tuple(here.values()), width)
+        except Refused as refused:
+            key = f"grains.{min(here) + 1}.ebsd"
+            raise OrientationError(sentence(file, key, refused.found, refused.expected)) from None
+        traces |= {
+            first: trace
+            for (first, second), trace in zip(pairwise(here), found, strict=True)
+            if second == first + 1 and trace is not None
+        }
+    return traces
+
+
+def _picks(case: Case, file: Path) -> dict[int, Pick]:
+    """Return what picks grains in a map, by the number of the grain from 0."""
+    along_y = case.orientation.rotation[1, :2]
+    return {
+        number: Pick(grain.ebsd_point_um, grain.ebsd_grain, (float(along_y[0]), float(along_y[1])))
+        for number, grain in enumerate(case.grains)
+        if grain.ebsd is not None and case.path(grain.ebsd) == file
+    }
+
+
 def _picked(case: Case) -> dict[int, PickedGrain]:
     """Return the grains that are picked in maps, by their number from 0; each map is read once."""
     picked: dict[int, PickedGrain] = {}
     for file in map_files(case):
-        here = {
-            number: Pick(grain.ebsd_point_um, grain.ebsd_grain)
-            for number, grain in enumerate(case.grains)
-            if grain.ebsd is not None and case.path(grain.ebsd) == file
-        }
+        here = _picks(case, file)
         try:
             grains = _read(file, _stamp(file), tuple(here.values()))
         except Refused as refused:
@@ -143,3 +176,18 @@ def _read(file: Path, stamp: Stamp, picks: tuple[Pick, ...]) -> tuple[PickedGrai
             return refused.with_traceback(None)  # which would keep the whole map
 
     return tuple(map(grain, picks))
+
+
+@lru_cache(maxsize=4)
+def _traces(
+    file: Path, stamp: Stamp, picks: tuple[Pick, ...], reach: float
+) -> tuple[MapTrace | None, ...]:
+    """Read the map once more for the boundaries between each pick and the next."""
+    points = read_map(file)
+    numbers = grain_numbers(points)
+    grains = [members_of(points, numbers, pick) for pick in picks]
+    traces = []
+    for (start, first), (end, second) in pairwise(grains):
+        ends = np.array([[points.x[at], points.y[at]] for at in (start, end)])
+        traces.append(boundary_trace(points, first, second, ends, reach))
+    return tuple(traces)

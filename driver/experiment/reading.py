@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from driver.case.images import Images
 from driver.case.model import Case
 from driver.common.errors import InputError, sentence
-from driver.experiment.history import History, read_history
+from driver.experiment.history import REVERSAL, History, read_history
 from driver.experiment.images.files import Refused, files_of, split_dataset
 from driver.experiment.images.heightmaps import HeightMaps, Stack, StoredLevels, load_stack
 from driver.experiment.log_file import HistoryError
@@ -23,6 +23,7 @@ from driver.experiment.stack_checks import (
     refuse_other_lengths,
     remarks_on_copies,
     remarks_on_pixels,
+    remarks_on_repeats,
     spread,
     stack_error,
     with_height,
@@ -154,7 +155,7 @@ def read_experiment(case: Case) -> Experiment:
 
     images = case.images
     history = or_told(lambda: history_of(case))
-    frames, seen = or_told(lambda: _frames(case, history)) or (None, Seen(0, ()))
+    frames, seen = or_told(lambda: _frames(case, history)) or (None, Seen(0, (), {}))
     flats = or_told(lambda: _optional(case, "flats", frames))
     or_told(lambda: _refuse_unknown_noise(case))
     repeats = or_told(lambda: _optional(case, "repeats", frames))
@@ -178,8 +179,15 @@ def read_experiment(case: Case) -> Experiment:
         remarks=(
             *remarks_on_pixels(case, {"frames": frames, "flats": flats, "repeats": repeats}),
             *remarks_on_copies(frames, seen.copies),
+            *(remarks_on_repeats(repeats, seen, _loaded(history)) if repeats else ()),
         ),
     )
+
+
+def _loaded(history: History) -> BoolArray:
+    """Whether the stage has moved before each image, by more than play, shape (n_images,)."""
+    moved = np.abs(history.stage - history.stage[0]) > REVERSAL * np.ptp(history.stage)
+    return np.asarray(np.logical_or.accumulate(moved)[history.image_row])
 
 
 def read_unloaded(case: Case, history: History) -> Experiment | None:

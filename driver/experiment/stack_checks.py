@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
@@ -55,10 +55,12 @@ class Seen:
     Attributes:
         clipped: number of pixels at the largest level of their type.
         copies: frames with every level of an earlier one, and that one.
+        first_of: first frame with all its levels, by their hash.
     """
 
     clipped: int
     copies: tuple[tuple[int, int], ...]
+    first_of: Mapping[bytes, int]
 
 
 def look_at_levels(case: Case, key: str, stack: Stack) -> Seen:
@@ -80,11 +82,15 @@ def look_at_levels(case: Case, key: str, stack: Stack) -> Seen:
         clipped += int(np.count_nonzero(levels == limit))
         reliefs.append(float(np.std(levels[kept])))
         ends.add((float(np.nanmin(levels)), float(np.nanmax(levels))))
-        same = first_of.setdefault(blake2b(levels.tobytes()).digest(), t)
+        same = first_of.setdefault(_hash(levels), t)
         if same != t:
             copies.append((t, same))
     _refuse_stretched(case, key, stack, np.array(reliefs), ends)
-    return Seen(clipped, tuple(copies))
+    return Seen(clipped, tuple(copies), first_of)
+
+
+def _hash(levels: FloatArray) -> bytes:
+    return blake2b(levels.tobytes()).digest()
 
 
 def _refuse_stretched(
@@ -209,6 +215,26 @@ def remarks_on_copies(stack: Stack, copies: tuple[tuple[int, int], ...]) -> Iter
         )  # fmt: skip
     if len(copies) > _TOLD:
         yield f"images.frames: {len(copies) - _TOLD} more frames are copies of others"
+
+
+def remarks_on_repeats(repeats: Stack, frames: Seen, loaded: BoolArray) -> Iterator[str]:
+    """Say which repeats are copies of frames after the loading has begun, the first of them.
+
+    Args:
+        repeats: the repeats.
+        frames: what a look at the frames has found.
+        loaded: whether the stage has moved before each frame, shape (n_frames,).
+    """
+    same = {t: frames.first_of.get(_hash(repeats[t])) for t in range(len(repeats))}
+    found = {t: frame for t, frame in same.items() if frame is not None and loaded[frame]}
+    for t, frame in list(found.items())[:_TOLD]:
+        yield sentence(
+            repeats.file(t), "images.repeats",
+            f"every level of frame {frame} of images.frames in repeat {t}",
+            "images of the surface before it is loaded, which show its noise and where it began",
+        )  # fmt: skip
+    if len(found) > _TOLD:
+        yield f"images.repeats: {len(found) - _TOLD} more repeats are frames of the test"
 
 
 def remarks_on_pixels(case: Case, stacks: dict[str, Stack | None]) -> Iterator[str]:

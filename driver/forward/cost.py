@@ -9,7 +9,7 @@ from types import MappingProxyType
 from driver.case.model import Case
 from meshes.prism import CellKind
 from solver_adapters.finite_differences import RUNS_PER_DIRECTION
-from solver_adapters.interface import Capabilities
+from solver_adapters.interface import Capabilities, Simulation
 
 # Gauss points of a cell, and nodes per cell in a mesh of a few hundred cells.
 _POINTS_PER_CELL: Mapping[CellKind, int] = MappingProxyType({"tet10": 4, "hex20": 8})
@@ -82,6 +82,21 @@ def simulation_seconds(
     """
     steps = 2 * n_images * case.solver.steps_per_interval
     return steps_seconds(case, solver, n_cells, steps, directions)
+
+
+def foreseen_seconds(case: Case, solver: Capabilities, simulation: Simulation) -> float:
+    """Wall-clock time of a simulation of a case [s].
+
+    Args:
+        case: the case.
+        solver: what its solver can.
+        simulation: with the mesh, the steps and the directions that count.
+    """
+    steps = (len(simulation.times) - 1) * simulation.steps_per_interval
+    if simulation.steps is not None:
+        steps = len(simulation.steps)
+    cells, directions = len(simulation.mesh.cells), len(simulation.directions)
+    return steps_seconds(case, solver, cells, steps, directions)
 
 
 def steps_seconds(

@@ -6,9 +6,13 @@ import logging
 import math
 from collections.abc import Callable
 from pathlib import Path
+from time import monotonic
 
 from driver.common.progress import PASSING
+from driver.common.remaining import simulated
 from solver_adapters.interface import Adapter, Capabilities, Progress, Response, Simulation
+
+_READ = 0.01  # share of its time, below which a simulation was not run
 
 logger = logging.getLogger(__name__)
 
@@ -19,11 +23,15 @@ class ProgressAdapter:
     Attributes:
         inner: the solver. Sent to another process, it goes alone.
         name: that of the solver.
+        foreseen: how long a run takes, by an estimate [s], to renew that of all; None for none.
     """
 
-    def __init__(self, inner: Adapter) -> None:
+    def __init__(
+        self, inner: Adapter, foreseen: Callable[[Simulation], float] | None = None
+    ) -> None:
         self.inner = inner
         self.name = inner.name
+        self.foreseen = foreseen
 
     def capabilities(self) -> Capabilities:
         """Return what the solver can honour."""
@@ -47,7 +55,13 @@ class ProgressAdapter:
             if progress is not None:
                 progress(state)
 
-        return self.inner.solve(simulation, workspace, show)
+        began = monotonic()
+        response = self.inner.solve(simulation, workspace, show)
+        seconds, foreseen = monotonic() - began, self.foreseen and self.foreseen(simulation)
+        # What an interrupted run has kept is only read.
+        if foreseen and seconds > _READ * foreseen:
+            simulated(seconds, foreseen)
+        return response
 
     def __reduce__(self) -> tuple[Callable[[Adapter], Adapter], tuple[Adapter]]:
         return _alone, (self.inner,)

@@ -154,7 +154,7 @@ def fit(
         excess = max(current.excess - SCATTER * math.sqrt(2.0 * current.residual.size), 0.0)
         enough = max(tolerance, math.sqrt(share * current.cost), math.sqrt(excess) * negligible)
         if decrement < enough:
-            return ended(True, f"the Newton decrement is {decrement:.2g} σ")
+            return ended(True, _why_enough(decrement, tolerance, share * current.cost, excess))
         if iteration == most:
             reason = f"{_LIMIT} {most} iterations, decrement {decrement:.2g} σ"
             return ended(False, reason)
@@ -215,6 +215,26 @@ def to_its_end(fitted: Fit, objective: Objective, most: int) -> Fit:
         history=(*fitted.history, *end.history[1:]),
         start_load=fitted.start_load,
         seconds=fitted.seconds + end.seconds,
+    )
+
+
+def _why_enough(decrement: float, tolerance: float, begun: float, excess: float) -> str:
+    """Return why a fit may end with a Newton decrement [σ], whose square a step would gain.
+
+    Args:
+        decrement: as it is.
+        tolerance: below which it tells by itself.
+        begun: gain below which a fit that only starts another one ends.
+        excess: misfit beyond the scatter of noise.
+    """
+    found = f"the Newton decrement is {decrement:.2g} σ"
+    if decrement < tolerance:
+        return found
+    if decrement**2 < begun:
+        return f"{found}, so that a step would gain {decrement**2:.2g}, too little for a first fit"
+    return (
+        f"{found}, so that a step would gain {decrement**2:.2g}, less than {NEGLIGIBLE**2:.0%} of "
+        f"the misfit beyond noise, {excess:.3g}, which no parameter takes away"
     )
 
 

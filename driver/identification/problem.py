@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from driver.forward.build import (
     build_model,
     correlation_meshes,
 )
+from driver.forward.cost import foreseen_seconds
 from driver.forward.fixed_pattern import apparent_rise
 from driver.forward.model import ForwardModel
 from driver.forward.progress_adapter import ProgressAdapter
@@ -163,7 +165,8 @@ def build_problem(
         prepare_only: whether they are written for another machine instead of being run.
     """
     experiment, images, left_out = seen.experiment, seen.images, seen.left_out
-    adapter = ProgressAdapter(keeping(adapter_of(case, prepare_only)))
+    solver = keeping(adapter_of(case, prepare_only))
+    adapter = ProgressAdapter(solver, partial(foreseen_seconds, case, solver.capabilities()))
     history = experiment.history
     jobs = jobs if adapter.capabilities().uses_workspace else None
     steps = case.solver.steps_per_interval

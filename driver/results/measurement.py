@@ -55,6 +55,7 @@ class Measurement:
         noise: noise of each image by its own high frequencies [µm], shape (T,).
         later: noise from frame to frame, None where too few images tell it.
         smoother: weights of the images along stage travel, shape (T, T).
+        gains: by which the heights of each image were divided, 1 without, shape (T,).
     """
 
     case: Case
@@ -71,6 +72,7 @@ class Measurement:
     noise: FloatArray
     later: TemporalNoise | None
     smoother: FloatArray
+    gains: FloatArray
 
 
 def write_measurement(folder: Path, measured: Measurement) -> None:
@@ -129,6 +131,7 @@ def write_measurement(folder: Path, measured: Measurement) -> None:
             "cells_w": (motion.basis_w.mesh.corners, "1"),
             "chi": (motion.chi, "1"),
             "iterations": (motion.iterations, "1"),
+            "gain": (m.gains, "1"),
             "converged": (motion.converged.astype(np.float64), "1"),
             "stopped": (np.char.encode(motion.reason, "utf-8"), "text"),
             "penalty": (np.array(case.dic.penalty.encode()), "text"),
@@ -164,6 +167,7 @@ def write_measurement(folder: Path, measured: Measurement) -> None:
             "shift_X_nm": (1e3 * rigid[:, 0]).tolist(),
             "shift_Y_nm": (1e3 * rigid[:, 1]).tolist(),
             "shift_Z_nm": (1e3 * rigid[:, 2]).tolist(),
+            "gain": m.gains.tolist(),
             "left_out": left.astype(int).tolist(),
             "converged": motion.converged.astype(int).tolist(),
             "stopped": motion.reason,

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from driver.check.check_result import Finding
+    from driver.doubts.finding import Finding
     from driver.status.command import CaseStatus
     from driver.terminal.endings import Ending
 

@@ -12,6 +12,7 @@ from rich.markup import escape
 
 from driver.common.formatting import duration, printable
 from driver.common.progress import progress_to, seldom
+from driver.common.remaining import left_of_run
 from driver.terminal.silence import LONGEST_SILENCE, Silence
 from driver.terminal.stopping import refuse_to_go_on
 
@@ -52,12 +53,20 @@ def shown_progress(prefix: str = "", err: bool = False) -> Iterator[None]:
     if not compiled_before():
         show("first use of this version: its kernels are compiled on the way, a minute or two more")
     if status is None:
-        passing = seldom(lambda words: show(f"    {words}"), _PASSING)
-        with silence.told(put), progress_to(show, passing):
+        passing = seldom(lambda words: show(f"    {_with_what_is_left(words)}"), _PASSING)
+        with silence.told(lambda line: put(_with_what_is_left(line))), progress_to(show, passing):
             yield
     else:
-        with status, progress_to(show, lambda w: status.update(escape(printable(prefix + w)))):
+
+        def update(words: str) -> None:
+            status.update(escape(printable(prefix + _with_what_is_left(words))))
+
+        with status, progress_to(show, update):
             yield
+
+
+def _with_what_is_left(words: str) -> str:
+    return "; ".join(filter(None, (words, left_of_run())))
 
 
 @contextmanager

@@ -17,7 +17,8 @@ from driver.diagnosis.answer.residual_localisation import (
     still_missed,
 )
 from driver.diagnosis.answer.result_types import Diagnosis, Settings
-from driver.diagnosis.answer.verdict import with_places, with_refinement
+from driver.diagnosis.answer.turned_frame import turned_frame
+from driver.diagnosis.answer.verdict import with_places, with_refinement, with_turned_frame
 from driver.diagnosis.causes.user_causes import user_causes
 from driver.diagnosis.search.diagnose import diagnose
 from driver.diagnosis.search.fine_models import FineModels
@@ -114,7 +115,13 @@ def run_diagnose(context: StageContext) -> None:
         cycles, settings, known,
     )  # fmt: skip
     where = residual_localisation(diagnosis, geometry_of(case), problem.experiment.history)
-    diagnosis = replace(diagnosis, verdict=with_places(diagnosis.verdict, still_missed(where)))
+    turned = turned_frame(
+        diagnosis.extended,
+        diagnosis.objective.parameters,
+        objective.model.microstructure.orientations,
+    )
+    verdict = with_turned_frame(with_places(diagnosis.verdict, still_missed(where)), turned)
+    diagnosis = replace(diagnosis, verdict=verdict)
     if diagnosis.numerics.needed is not None:
         refinement = to_refine(case, diagnosis.numerics.needed, perf_counter() - start)
         diagnosis = replace(diagnosis, verdict=with_refinement(diagnosis.verdict, refinement))

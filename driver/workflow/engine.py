@@ -20,6 +20,7 @@ from driver.case.values import Table
 from driver.common.atomic_write import place_below
 from driver.common.errors import InputError, sentence
 from driver.common.machine import computed_by
+from driver.common.remaining import at_work, left_of_run
 from driver.experiment.images.files import split_dataset
 from driver.experiment.orientations import map_files
 from driver.parameters.user_terms import files_of_terms, installed_terms
@@ -321,7 +322,8 @@ def _run_stage(
         what = "a simulation" if there == 1 else f"{there} simulations"
         logger.info(f"  {what} of an interrupted run are kept: those that come again are taken up")
     start = time.perf_counter()
-    stage.run(StageContext(case, results, workdir, prepare_only, kept, memory))
+    with at_work(stage.name):
+        stage.run(StageContext(case, results, workdir, prepare_only, kept, memory))
     seconds = time.perf_counter() - start
     if stage.reads_on:
         _refuse_other_files(stage, case, inputs)
@@ -361,6 +363,8 @@ def _run_stage(
     shutil.rmtree(workdir)
     remove_folder(kept)
     logger.info(f"{stage.name}: finished in {seconds:.1f} s")
+    if left := left_of_run():
+        logger.info(f"  {left}")
 
 
 def _refuse_other_files(stage: Stage, case: Case, inputs: dict[str, str]) -> None:

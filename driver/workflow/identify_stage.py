@@ -47,7 +47,7 @@ def load_problem(context: StageContext) -> IdentificationProblem:
         read_med(context.result(FINE_MESH)),
         seen_by_correlation(
             prepared.experiment,
-            prepared.images,
+            prepared.images.rescaled(measured["gain"]),
             measured["motion"],
             measured["elongation"],
             measured["tilt"],

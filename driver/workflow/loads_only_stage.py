@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from driver.forward.build import (
     build_model,
     capabilities_of,
 )
+from driver.forward.cost import foreseen_seconds
 from driver.forward.model import ForwardModel
 from driver.forward.progress_adapter import ProgressAdapter
 from driver.identification.data import Data
@@ -110,7 +112,7 @@ def run_identify_loads(context: StageContext) -> None:
     """Identify from the loads, and write parameters, covariance and predictions."""
     case = context.case
     solver = keeping(adapter_of(case, context.prepare_only), context.kept)
-    adapter = ProgressAdapter(solver)
+    adapter = ProgressAdapter(solver, partial(foreseen_seconds, case, solver.capabilities()))
     problem = build_loads_problem(context, adapter)
     identification = identify_from_loads(
         problem.objective, problem.finer, problem.start, problem.plan

@@ -41,6 +41,8 @@ def tell_images(images: SurfaceImages) -> None:
     )
     if images.of_series:
         logger.info(f"  without repeats {COST}")
+    if images.repeat_stretch is not None and images.repeat_stretch.told:
+        logger.info(f"  WARNING: {images.repeat_stretch.told}")
 
 
 def tell_contradiction(stated: float, seen: float, chi: FloatArray) -> None:
@@ -125,7 +127,6 @@ def tell_frames(
         logger.info(f"  frame {frame}: {motion.reason[frame]}")
     if slow.size > _TOLD:
         logger.info(f"  {slow.size - _TOLD} more frames did not converge: measure.csv says why")
-    _tell_gains(motion)
     stretch, sigma = elongation.value[0], elongation.sigma[0]
     if not motion.lost[0] and abs(stretch) > _STRETCHED * sigma:
         longer = "longer" if stretch > 0 else "shorter"
@@ -136,15 +137,19 @@ def tell_frames(
         )
 
 
-def _tell_gains(motion: SurfaceMotion) -> None:
-    """Frames that show the relief larger or smaller than the reference does."""
-    gains = motion.gains
-    off = np.flatnonzero(gains.off(np.ones(gains.value.size)))
+def tell_gains(gains: FloatArray, sigma: float) -> None:
+    """Tell the frames that show the relief larger or smaller than the reference does.
+
+    Args:
+        gains: by which their heights were divided, 1 for those of the others, shape (T,).
+        sigma: standard deviation of a gain by noise.
+    """
+    off = np.flatnonzero(gains != 1.0)
     for frame in off[:_TOLD].tolist():
         logger.info(
-            f"  frame {frame} shows the relief {gains.value[frame]:.3f} ± {gains.sigma:.3f} times "
-            "as high as the reference does: divide its heights by that if their scale has changed; "
-            "focus does the same"
+            f"  frame {frame} shows the relief {gains[frame]:.3f} ± {sigma:.3f} times as high as "
+            "the reference does: its heights are divided by that; focus does the same, and bends "
+            "the relief as well"
         )
     if off.size > _TOLD:
         logger.info(f"  {off.size - _TOLD} more frames show the relief larger or smaller")

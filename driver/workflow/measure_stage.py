@@ -11,6 +11,7 @@ from driver.case.model import Case
 from driver.common.errors import InputError
 from driver.common.splines.images import variance_gain
 from driver.dic.derived_quantities import readings, without_penalty
+from driver.dic.engine import GAIN_ROUNDS
 from driver.dic.grip_check import WithoutPenalty, grip_motion
 from driver.dic.series import SurfaceMotion, measure
 from driver.dic.surface_images import SurfaceImages, refine_gradient
@@ -34,6 +35,7 @@ from driver.workflow.measure_messages import (
     how_turned,
     tell_contradiction,
     tell_frames,
+    tell_gains,
     tell_images,
     tell_readings,
     tell_regularisation,
@@ -70,13 +72,7 @@ def measure_numbers(context: StageContext) -> None:
         logger.info(f"  {remark}")
     pixel, history = case.images.pixel_um, experiment.history
     rows = history.image_row
-    single = measure(
-        images,
-        *correlation_meshes(case),
-        roughness=case.dic.roughness_um(pixel),
-        workers=case.execution.processes,
-        penalty=case.dic.penalty,
-    )
+    images, single, gains = _with_gains(case, images)
     tell_regularisation(case, single)
     _refuse_another_surface(single, images)
     rigid = single.means()
@@ -89,6 +85,7 @@ def measure_numbers(context: StageContext) -> None:
     free = without_penalty(single, images, case.specimen.length)
     tell_readings(single, motion, read)
     tell_frames(single, outliers, left, read["elongation"])
+    tell_gains(gains, single.gains.sigma)
     doubtful = left | ~single.converged
     tell_wrong_frames(images, single, doubtful, read["elongation"], history.stage[rows])
     refined = refine_gradient(images, motion.fields)
@@ -117,9 +114,35 @@ def measure_numbers(context: StageContext) -> None:
         context.workdir,
         Measurement(
             case, experiment, images, motion, read, free, grip, refined.gradient, rigid,
-            _fields(images, motion), left, noise, later, smoother,
+            _fields(images, motion), left, noise, later, smoother, gains,
         ),
     )  # fmt: skip
+
+
+def _with_gains(
+    case: Case, images: SurfaceImages
+) -> tuple[SurfaceImages, SurfaceMotion, FloatArray]:
+    """Measure, and again where frames show the relief larger or smaller than the reference.
+
+    Returns:
+        The images with these frames brought to its height, their motion, and the gains by which
+        their heights were divided, shape (T,).
+    """
+    gains = np.ones(images.n_frames)
+    for last in range(GAIN_ROUNDS):
+        as_high = images.rescaled(gains)
+        motion = measure(
+            as_high,
+            *correlation_meshes(case),
+            roughness=case.dic.roughness_um(images.pixel),
+            workers=case.execution.processes,
+            penalty=case.dic.penalty,
+        )
+        off = motion.gains.off(np.ones(images.n_frames))
+        if not off.any() or last == GAIN_ROUNDS - 1:
+            break
+        gains = np.where(off, gains * motion.gains.value, gains)
+    return as_high, motion, gains
 
 
 def _refuse_another_surface(motion: SurfaceMotion, images: SurfaceImages) -> None:

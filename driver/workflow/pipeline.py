@@ -7,7 +7,6 @@ import os
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from shlex import quote
 
@@ -17,7 +16,9 @@ from driver.case.scheduler import on_workers
 from driver.case.specimen import SIZES
 from driver.common.errors import sentence
 from driver.common.formatting import cost_told, joined
+from driver.common.remaining import foretold
 from driver.diagnosis.causes.user_causes import asked_causes
+from driver.doubts.before_run import warnings_before_run
 from driver.experiment.held_out import held_out_cycle
 from driver.experiment.history import travel_told
 from driver.experiment.reading import history_of, refuse_absent_images
@@ -51,6 +52,7 @@ from solver_adapters.kernels import use_threads
 
 logger = logging.getLogger(__name__)
 
+_SIMULATING = ("identify", "diagnose")
 _MESH = ("specimen",)
 _MEASURE = ("specimen", "images", "history", "dic", "sections", "loads")
 _IDENTIFY = (
@@ -78,7 +80,7 @@ def stages(case: Case) -> Sequence[Stage]:
         Stage("mesh", "3", _MESH, run_mesh),
         Stage(
             "measure",
-            "10",
+            "11",
             _MEASURE,
             run_measure,
             measured_files,
@@ -154,8 +156,20 @@ def run(
         logger.info(told_beforehand(case, cost))
     if not case.with_images:
         logger.info(SKIPPED)
-    refined = partial(refined_within_budget, stages=every)
-    with on_workers(case) if left else nullcontext():
+    if left:
+        for finding in warnings_before_run(case, history):
+            logger.info(f"WARNING: {finding.subject}: {finding.message}")
+    foreseen = {name: cost.of([name]) for name in left}
+    with foretold(foreseen, _SIMULATING) as remaining, on_workers(case) if left else nullcontext():
+
+        def refined(state: Case, done: str) -> Case | None:
+            finer = refined_within_budget(state, done, stages=every)
+            if finer is not None:
+                of_finer = _cost_as_it_is(finer)
+                again = _left(finer, every, until, force=False)
+                remaining.foreseen = {name: of_finer.of([name]) for name in again}
+            return finer
+
         run_stages(case, every, until, force, prepare_only, refined, coarser_again)
 
 
@@ -173,7 +187,7 @@ def _foretell(case: Case, cost: Cost, left: Sequence[str], n_images: int) -> Non
         logger.info("all stages that are asked for are done")
         return
     measuring = measuring_memory(case, n_images) if case.with_images else cost.memory
-    simulates = any(name in left for name in ("identify", "diagnose"))
+    simulates = any(name in left for name in _SIMULATING)
     memory = cost.memory if simulates or not case.with_images else measuring
     whole = len(left) == len(stages(case))
     seconds = cost.of(left)
@@ -195,10 +209,15 @@ def cost_of_run(case: Case, processes: int, threads: int, n_images: int = 0) -> 
     Raises:
         InputError: the case cannot be meshed or computed.
     """
-    solver = capabilities_of(case)
-    case = _executed(sized(case, solver), processes, threads)
+    sizes = sized(case, capabilities_of(case))
+    return _cost_as_it_is(_executed(sizes, processes, threads), n_images)
+
+
+def _cost_as_it_is(case: Case, n_images: int = 0) -> Cost:
+    """Return what all stages of a case with sizes in numbers take."""
     mesh = mesh_of(case, case.specimen.mesh_size)
-    return estimate(case, solver, len(mesh.cells), n_images or history_of(case).n_images)
+    n_images = n_images or history_of(case).n_images
+    return estimate(case, capabilities_of(case), len(mesh.cells), n_images)
 
 
 def _executed(case: Case, processes: int | None, threads: int | None) -> Case:

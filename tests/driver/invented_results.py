@@ -173,6 +173,7 @@ def _write_measured(path: Path, time: FloatArray, rng: np.random.Generator) -> N
             "roughness_estimated": (1.0, "1"),
             "travel_length": (0.0, "µm"),
             "smoother": (np.eye(T), "1"),
+            "gain": (np.ones(T), "1"),
             "left_out": (1.0 * (np.arange(T) == 7), "1"),
             "sigma_flat": (0.0, "µm"),
             "noise_later": (0.009, "µm"),

@@ -16,14 +16,15 @@ import driver
 import driver.export.command
 import driver.workflow
 from driver.case.model import CaseError, load_case
-from driver.check.check_result import Finding
-from driver.check.magnitudes import youngs_modulus
 from driver.cli import app
 from driver.common.errors import InputError
+from driver.doubts.finding import Finding
+from driver.doubts.magnitudes import youngs_modulus
 from driver.terminal import exit_codes
 from solver_adapters import kernels
 from solver_adapters.crystal import FCC
 from solver_adapters.interface import PreparedError, SolverError
+from tests.driver.ebsd_files import FIRST, grid, write_ang, write_ctf
 
 logger = logging.getLogger("driver.workflow")
 
@@ -73,6 +74,25 @@ def invoke(*arguments: object) -> Result:
 def case_path(tmp_path: Path) -> Path:
     assert invoke("init", tmp_path / "a").exit_code == 0
     return tmp_path / "a" / "case.toml"
+
+
+def test_init_states_the_frame_of_the_map_and_asks_how_it_lies(tmp_path: Path) -> None:
+    x, y = grid(4, 6)
+    for write, ending, frame in ((write_ang, "ang", "edax"), (write_ctf, "ctf", "oxford")):
+        folder = tmp_path / ending
+        folder.mkdir()
+        write(folder / f"map.{ending}", x, y, FIRST)
+        assert invoke("init", folder, "--ebsd", f"map.{ending}").exit_code == 0
+        orientation = load_case(folder / "case.toml").orientation
+        assert orientation.ebsd_frame == frame and orientation.rotation[2, 2] == -1.0
+        before = (folder / "case.toml").read_text("utf-8").split("ebsd_to_specimen = ")[0]
+        assert "# State how the map lies: " in before.split("[orientation]")[1]
+        assert "a map of the face with x along +Y and y along +X." in before
+    assert invoke("init", tmp_path / "none", "--ebsd", "map.ang").exit_code == 0
+    assert load_case(tmp_path / "none" / "case.toml").orientation.ebsd_frame is None
+    assert invoke("init", tmp_path / "angles").exit_code == 0
+    text = (tmp_path / "angles" / "case.toml").read_text("utf-8")
+    assert "State how the map lies" not in text
 
 
 def test_init_names_the_files_of_instruments_an_ebsd_map_and_a_log(tmp_path: Path) -> None:

@@ -128,6 +128,23 @@ def with_places(verdict: Verdict, missed: str) -> Verdict:
     )
 
 
+def with_turned_frame(verdict: Verdict, turned: str) -> Verdict:
+    """Return a verdict without a name that tells of rotations which are a turn of the EBSD frame.
+
+    Args:
+        verdict: the answer.
+        turned: the turn, as a sentence; empty where there is none.
+    """
+    if not turned or verdict.kind != "unexplained":
+        return verdict
+    return replace(
+        verdict,
+        text=f"{verdict.text} {turned}",
+        next="Look first at orientation.ebsd_frame and orientation.ebsd_to_specimen, with a mark "
+        f"that EBSD map and images both show. {verdict.next}",
+    )
+
+
 def with_refinement(verdict: Verdict, refinement: str) -> Verdict:
     """Return a verdict that names the refinement in place of asking for one.
 

@@ -98,9 +98,13 @@ def disorientation(turn: FloatArray, orientation: FloatArray) -> float:
         turn: a rotation in the specimen frame, shape (3, 3).
         orientation: crystal → specimen, shape (3, 3).
     """
-    relative = orientation.T @ turn @ orientation
-    cosine = (np.einsum("ij,sij->s", relative, _CUBIC).max() - 1.0) / 2.0
-    return float(np.rad2deg(np.arccos(min(cosine, 1.0))))
+    return float(np.rad2deg(from_lattice(orientation, turn @ orientation)))
+
+
+def from_lattice(one: FloatArray, other: FloatArray) -> float:
+    """Smallest angle [rad] between two cubic lattices, crystal → specimen, shape (3, 3) each."""
+    cosine = (np.einsum("ij,sij->s", one.T @ other, _CUBIC).max() - 1.0) / 2.0
+    return float(np.arccos(min(cosine, 1.0)))
 
 
 def flips_of(

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import h5py
 
+from driver.case.grains import EbsdFrame
 from driver.common.errors import show, why
 from driver.common.file_kinds import kind_by_content
 from driver.experiment.images.files import Refused
@@ -24,7 +25,12 @@ EXPECTED = "an EBSD map in a file .ang, .ctf or .h5"
 _PATTERNS = ("RawPatterns", "EBSDPatterns")  # images of the detector, which nobody reads here
 _MOST_LINES = 1000  # of a header
 _ANG_ENTRY = re.compile(r"^#\s*(GRID|XSTEP|YSTEP|NCOLS_ODD|NCOLS_EVEN|NROWS):\s*(\S+)")
+# What programs write that hand a map of any maker on (orix/io/plugins/ang.py and ctf.py).
+_HANDED_ON = re.compile(r"EMsoft|ACOM|mtex|Column names: phi1, Phi, phi2", re.IGNORECASE)
+_OF_EDAX, _OF_CHANNEL = "# TEM_PIXperUM", "Channel Text File"
 _CTF_ENTRY = re.compile(r"^(XCells|YCells|XStep|YStep|AcqE[123])\s+(\S+)")
+_EDAX: tuple[EbsdFrame, ...] = ("edax",)
+_CHANNEL: tuple[EbsdFrame, ...] = ("oxford", "bruker")
 CTF_COLUMNS = "Phase\tX\tY"
 _BLOCK = 1 << 22
 
@@ -37,11 +43,13 @@ class Header:
         step: of the grid along x and y, in the unit of the file.
         points: of the whole grid.
         surface: Euler angles of the acquired surface, of an Oxford file [degrees].
+        makers: of the system whose software has written the file, none where that is not known.
     """
 
     step: tuple[float, float] | None = None
     points: int = 0
     surface: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    makers: tuple[EbsdFrame, ...] = ()
 
 
 def refuse_unfit_file(file: Path) -> None:
@@ -108,18 +116,48 @@ def read_header(file: Path) -> Header:
                 "a right-handed map, with x and y that grow: it is exported anew, not flipped",
             )
     known = (steps[0], steps[1]) if len(steps) == 2 and min(steps) > 0 else None
-    return Header(known, _points(entries, ang), (surface[0], surface[1], surface[2]))
+    return Header(
+        known, _points(entries, ang), (surface[0], surface[1], surface[2]), makers_of(file)
+    )
 
 
-def _entries(file: Path, ang: bool) -> Iterator[tuple[str, str]]:
-    pattern = _ANG_ENTRY if ang else _CTF_ENTRY
+def makers_of(file: Path) -> tuple[EbsdFrame, ...]:
+    """Return the makers of the system whose software has written a text file of a map.
+
+    Oxford's and Bruker's .ctf are alike, and so are their frames.
+
+    Args:
+        file: whatever its kind; it may be absent.
+
+    Returns:
+        None of them where that is not known.
+    """
+    ang = file.suffix.lower() == ANG
+    if not ang and file.suffix.lower() != CTF:
+        return ()
+    mark, makers = (_OF_EDAX, _EDAX) if ang else (_OF_CHANNEL, _CHANNEL)
+    try:
+        lines = list(_header_lines(file, ang))
+    except (OSError, ValueError):
+        return ()
+    handed_on = any(map(_HANDED_ON.search, lines))
+    return makers if not handed_on and any(line.startswith(mark) for line in lines) else ()
+
+
+def _header_lines(file: Path, ang: bool) -> Iterator[str]:
     with file.open(encoding="utf-8", errors="replace") as text:
         for line in itertools.islice(text, _MOST_LINES):
             if not line.startswith("#") if ang else line.startswith(CTF_COLUMNS):
                 return
-            match = pattern.match(line)
-            if match:
-                yield match[1], match[2]
+            yield line
+
+
+def _entries(file: Path, ang: bool) -> Iterator[tuple[str, str]]:
+    pattern = _ANG_ENTRY if ang else _CTF_ENTRY
+    for line in _header_lines(file, ang):
+        match = pattern.match(line)
+        if match:
+            yield match[1], match[2]
 
 
 def _number(entries: dict[str, str], name: str) -> float:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from driver.case.grains import EbsdFrame
 from driver.common.errors import why
 from driver.experiment.ebsd.headers import (
     ANG,
@@ -61,6 +62,7 @@ class EbsdMap:
         step: of the grid along x and y, as the header has it [µm], or None.
         surface: Euler angles of the acquired surface, of an Oxford file [degrees].
         like_radians: whether angles that the file has in degrees look like radians.
+        makers: of the system whose software has written the file, none where that is not known.
     """
 
     x: FloatArray
@@ -72,6 +74,7 @@ class EbsdMap:
     step: tuple[float, float] | None = None
     surface: tuple[float, float, float] = (0.0, 0.0, 0.0)
     like_radians: bool = False
+    makers: tuple[EbsdFrame, ...] = ()
 
     @property
     def indexed(self) -> BoolArray:
@@ -211,6 +214,7 @@ def _points(crystal_map: Any, header: Header, marked: BoolArray | None, degrees:
         step=None if step is None else (step[0] * micrometres, step[1] * micrometres),
         surface=header.surface,
         like_radians=degrees and _like_radians(crystal_map, phase != _NOT_INDEXED),
+        makers=("bruker",) if _of_bruker(crystal_map) else header.makers,
     )
 
 

@@ -13,6 +13,7 @@ from driver.experiment.images.flatfield import FlatField
 from driver.experiment.images.heightmaps import ImageError, fill_off_surface, on_surface
 from driver.experiment.images.noise import Noise, noise_from_repeats
 from driver.experiment.images.region import Bounds, CodeArray, Excluded, region_codes
+from driver.experiment.images.repeat_stretch import RepeatStretch, stretch_of_repeats
 from driver.experiment.images.rigid import shift_between
 from driver.experiment.images.spikes import spikes, strays
 from meshes.arrays import BoolArray, FloatArray
@@ -32,6 +33,7 @@ class Reference:
         n: number of images in the mean.
         shifts: motion of each repeat against the first [µm], along X, Y, Z, shape (n, 3).
         registered: whether they were moved back: the shifts are more than noise.
+        stretch: strain between the repeats, None without.
     """
 
     heights: FloatArray
@@ -40,6 +42,7 @@ class Reference:
     n: int
     shifts: FloatArray
     registered: bool
+    stretch: RepeatStretch | None = None
 
     @property
     def region(self) -> BoolArray:
@@ -94,13 +97,15 @@ def build_reference(
         codes[strays(repeats, used)] = Excluded.DUST
         used = np.asarray(codes == Excluded.USED)
     noise = noise_from_repeats(repeats, used, n_shifts=2 if registered else 0)
+    of_one = noise.sigma / float(np.sqrt(gains.mean()))
     return Reference(
         heights=np.asarray(repeats.mean(axis=0)),
         codes=codes,
-        noise=Noise(noise.sigma / float(np.sqrt(gains.mean())), noise.dof),
+        noise=Noise(of_one, noise.dof),
         n=len(repeats),
         shifts=shifts,
         registered=registered,
+        stretch=stretch_of_repeats(repeats, used, pixel, of_one),
     )
 
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from driver.case.grains import Grain
 from driver.check.ebsd_picture import draw_map, map_pictures
-from tests.driver.check.test_orientations import ROWS, case_of
+from tests.driver.doubts.test_orientations import ROWS, case_of
 from tests.driver.ebsd_files import grid, hexagonal_grid, write_ang, write_ctf
 
 RED, GREEN, BLUE = np.eye(3)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from driver.case.model import Case
-from driver.check.check_result import Finding
 from driver.check.steps import load_error_of_steps, recommended_steps
+from driver.doubts.finding import Finding
 from driver.virtual.truth import stage_program
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.calculix.adapter import CalculixAdapter

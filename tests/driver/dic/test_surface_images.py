@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from driver.dic import surface_images
 from driver.dic.surface_images import SurfaceImages, prepare, refine_gradient
 from driver.experiment.images.flatfield import FlatField, flat_pattern
 from driver.experiment.images.heightmaps import ImageError
@@ -198,3 +199,24 @@ def test_splines_that_are_made_anew_and_blocks_of_frames_change_nothing(
     refined = refine_gradient(anew, motion).gradient
     np.testing.assert_array_equal(refined, refine_gradient(kept, motion).gradient)
     np.testing.assert_array_equal(anew.kept().frames.coefficients, kept.frames.coefficients)
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_frames_are_brought_to_the_height_of_the_reference_and_others_stay_as_they_are(
+    kept: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not kept:
+        monkeypatch.setattr(surface_images, "_KEPT", 0)
+    frames = noisy(30, 3)
+    low = frames.copy()
+    images = prepare(frames, noisy(31, 4), None, PIXEL, ORIGIN, BOUNDS)
+    level = frames[1][images.rows, images.cols].mean()
+    low[1] = level + 0.9 * (frames[1] - level)
+    shown = prepare(low, noisy(31, 4), None, PIXEL, ORIGIN, BOUNDS)
+    assert shown.rescaled(np.ones(3)) is shown
+    rescaled = shown.rescaled(np.array([1.0, 0.9, 1.0])).frames.coefficients
+    for t in (0, 2):
+        np.testing.assert_array_equal(rescaled[t], shown.frames.coefficients[t])
+    # The mean of the coefficients on the face is that of its heights but for its rim.
+    difference = rescaled[1] - images.frames.coefficients[1]
+    assert np.ptp(difference) < 1e-12 and abs(difference.mean()) < 0.01 * np.std(frames[1])

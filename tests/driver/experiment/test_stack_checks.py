@@ -129,3 +129,16 @@ def test_contrast_of_each_image_does_no_harm_where_the_file_tells_it(tmp_path: P
     experiment = read_experiment(case.with_values_at(pngs | {"images.height_per_level_nm": 1.0}))
     for seen, frame in zip(experiment.frames, heights, strict=True):
         assert 1e3 * seen == pytest.approx(frame, abs=2e-3)  # half a level of 150 nm is 1e-3
+
+
+def test_repeats_that_are_frames_of_the_test_are_told(tmp_path: Path) -> None:
+    frames = 1000 + np.random.default_rng(12).normal(0, 50, (4, 30, 40))
+    path = case_of(tmp_path, frames.astype(np.float32))
+    assert read_experiment(load_case(path)).remarks == ()
+    # The first image may be one of the unloaded surface; those after the stage has moved are not.
+    np.save(tmp_path / "repeats.npy", frames[[0, 2, 3]].astype(np.float32))
+    remarks = read_experiment(load_case(path)).remarks
+    assert [remark.split("found ")[1].split(",")[0] for remark in remarks] == [
+        "every level of frame 2 of images.frames in repeat 1",
+        "every level of frame 3 of images.frames in repeat 2",
+    ]

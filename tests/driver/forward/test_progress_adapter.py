@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 
 from driver.common.progress import progress_to
+from driver.common.remaining import foretold
 from driver.forward.progress_adapter import ProgressAdapter, sentence_of
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.interface import Progress
+from solver_adapters.interface import Progress, Simulation
 from solver_adapters.material import Material
 from tools.boxes import box, pulled
 
@@ -49,3 +51,15 @@ def test_a_run_that_waits_for_another_process_tells_for_which() -> None:
 def test_another_process_gets_the_solver_alone() -> None:
     sent = pickle.loads(pickle.dumps(ProgressAdapter(BundledAdapter())))
     assert type(sent) is BundledAdapter
+
+
+def constant(seconds: float) -> Callable[[Simulation], float]:
+    return lambda simulation: seconds
+
+
+def test_a_run_renews_what_is_left_and_a_kept_response_does_not() -> None:
+    simulation = pulled(box(), Material(strain_measure="small"), (0.001, 0.002))
+    for foreseen, told in ((1e-3, 1), (1e6, 0)):
+        with foretold({"identify": 1.0}, ("identify",)) as remaining:
+            ProgressAdapter(BundledAdapter(), constant(foreseen)).solve(simulation)
+            assert (remaining.factor != 1.0) == told

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from driver.common.errors import InputError
-from driver.identification.fit import DECREMENT, Fit, fit, to_its_end
+from driver.identification.fit import DECREMENT, SCATTER, Fit, fit, to_its_end
 from driver.identification.gauss_newton_step import LARGEST_STEP, LARGEST_STEP_LOG
 from driver.identification.line_search import MOST_HALVINGS, promised
 from driver.identification.objective import Evaluation
@@ -358,6 +358,20 @@ def test_where_a_model_error_stays_a_step_that_changes_nothing_is_not_taken() ->
     assert found.converged and len(found.history) == 1
     objective, start = displaced(noise=1.0, by=3.0)
     assert len(fit(objective, start, "a", 5).history) == 2
+
+
+def test_a_fit_that_ends_far_from_zero_says_why_that_is_enough() -> None:
+    objective, start = displaced(noise=300.0, by=3.0)
+    found = fit(objective, start, "a", 5)
+    excess = found.best.excess - SCATTER * np.sqrt(2 * 40)
+    assert 9.0 < 0.01 * excess
+    assert found.reason == (
+        "the Newton decrement is 3 σ, so that a step would gain 9, less than 1% of the misfit "
+        f"beyond noise, {excess:.3g}, which no parameter takes away"
+    )
+    objective, start = displaced(noise=1.0, by=3.0)
+    assert "too little for a first fit" in fit(objective, start, "a", 5, share=0.5).reason
+    assert fit(objective, start, "a", 5).reason.endswith(" σ")
 
 
 def test_a_short_step_is_no_sign_of_being_near() -> None:

@@ -22,7 +22,7 @@ DATASETS = {
     "codes": (closed_form.SHAPE, "0 USED, 1 DUST, 2 MASK, 3 TRENCH, 4 OUTSIDE"),
     "noise_frame": ((T,), "µm"), "noise_later": ((), "µm"), "noise_later_dof": ((), "1"),
     "noise_map": ((P,), "µm"), "noise_map_dof": ((), "1"), "noise_larger": ((P,), "1"),
-    "rigid": ((T, 3), "µm"), "left_out": ((T,), "1"), "phase": ((T,), "1"),
+    "rigid": ((T, 3), "µm"), "gain": ((T,), "1"), "left_out": ((T,), "1"), "phase": ((T,), "1"),
     "grip/nominal": ((), "1"), "grip/sigma": ((), "µm"), "grip/ratio": ((), "1"),
     "grip/unpenalised_sigma": ((), "µm"), "elongation_unpenalised": ((T,), "µm"),
     "grip/ratio_sigma": ((), "1"), "grip/scatter": ((), "1"),
@@ -61,7 +61,7 @@ def test_the_table_of_a_measurement_is_the_same_in_nanometres_an_image_a_row(
         rows = list(csv.DictReader(file))
     assert len(rows) == T and list(rows[0]) == [
         "image", "time_s", "stage_um", "force_uN", "elongation_nm", "tilt_nm", "chi",
-        "shift_X_nm", "shift_Y_nm", "shift_Z_nm", "left_out", "converged", "stopped",
+        "shift_X_nm", "shift_Y_nm", "shift_Z_nm", "gain", "left_out", "converged", "stopped",
     ]  # fmt: skip
     with h5py.File(finished / "measure.h5", "r") as file:
         columns = {
@@ -69,6 +69,7 @@ def test_the_table_of_a_measurement_is_the_same_in_nanometres_an_image_a_row(
             "force_uN": file["force"][()], "elongation_nm": 1e3 * file["elongation"][()],
             "tilt_nm": 1e3 * file["tilt"][()], "chi": file["chi"][()],
             "shift_X_nm": 1e3 * file["rigid"][:, 0], "shift_Z_nm": 1e3 * file["rigid"][:, 2],
+            "gain": file["gain"][()],
             "left_out": file["left_out"][()], "converged": file["converged"][()],
         }  # fmt: skip
         stopped = [text.decode() for text in file["stopped"][()]]

@@ -13,9 +13,9 @@ import pytest
 from driver.case.model import CaseError, load_case
 from driver.check import command as check_module
 from driver.check.command import check
-from driver.check.loads import stated_motion
 from driver.common.errors import InputError
 from driver.common.progress import progress_to
+from driver.doubts.loads import stated_motion
 from driver.experiment.reading import history_of, read_experiment
 from driver.experiment.stack_checks import ExperimentError
 from driver.export.command import ExportError, export_case

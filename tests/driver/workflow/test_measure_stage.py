@@ -21,7 +21,7 @@ from meshes.plane_cells import CellKind
 from tests.meshes.plane_examples import distorted
 from tools import closed_form
 
-BAD, DUST = 20, (15, 25)
+BAD, LOW, DUST = 20, 30, (15, 25)
 
 
 @pytest.fixture(scope="module")
@@ -210,6 +210,7 @@ def test_a_mesh_that_cannot_be_used_is_told_in_one_sentence(
 
 def spoilt(folder: Path, spoil: Callable[[np.ndarray], None]) -> tuple[dict[str, np.ndarray], str]:
     """Results and log of the series with frames [levels] that were spoilt."""
+    folder.mkdir(exist_ok=True)
     closed_form.write_files(folder, {})
     frames = tifffile.imread(folder / "images.tif").astype(np.float32)
     spoil(frames)
@@ -245,3 +246,29 @@ def test_a_series_of_another_surface_is_refused(tmp_path: Path) -> None:
 
     with pytest.raises(InputError, match=r"images.frames: found \d+ of \d+ frames that cannot be"):
         spoilt(tmp_path, spoil)
+
+
+def test_a_frame_of_another_gain_has_its_motion_and_the_others_keep_theirs(
+    measured: tuple[dict[str, np.ndarray], str], tmp_path: Path
+) -> None:
+    """As of a calibration that changed: its heights, with their noise, are a tenth smaller."""
+    as_it_is, log = measured
+    assert "times as high as" not in log and (as_it_is["gain"] == 1.0).all()
+    face = as_it_is["rows"].astype(int), as_it_is["cols"].astype(int)
+
+    def shrink(frames: np.ndarray) -> None:
+        # About the mean of the face: what a gain does to it is a shift along Z.
+        level = frames[LOW][face].mean()
+        frames[LOW] = level + 0.9 * (frames[LOW] - level)
+
+    results, log = spoilt(tmp_path, shrink)
+    assert results["gain"][LOW] == pytest.approx(0.9, abs=0.004)
+    assert (np.delete(results["gain"], LOW) == 1.0).all()
+    assert f"frame {LOW} shows the relief {results['gain'][LOW]:.3f} ± " in log
+    assert log.count("times as high as") == 1
+    sigma = np.sqrt(np.diag(as_it_is["covariance_one"]))
+    off = np.abs(results["coefficients"] - as_it_is["coefficients"]) / sigma
+    # What noise does is the same in both, but for the dust and the spoilt frame of the other one.
+    assert off[LOW].max() < min(1.0, np.delete(off, (LOW, BAD), axis=0).max())
+    assert results["chi"][LOW] == pytest.approx(as_it_is["chi"][LOW], rel=0.03)
+    assert not results["left_out"].any()

@@ -358,6 +358,20 @@ def test_a_run_without_the_file_of_its_repeats_ends_before_anything_is_meshed(
     pipeline.run(copied.path, "mesh")
 
 
+def test_what_is_odd_about_a_case_is_told_before_a_run_begins(
+    copied: Run, lines: list[str]
+) -> None:
+    pipeline.run(copied.path, "mesh", force=True)
+    assert not any(line.startswith("WARNING") for line in lines)
+    lines.clear()
+    section = f"macroscopic_mm2 = {load_case(copied.path).sections.macroscopic_mm2!r}"
+    copied.edit(section, "macroscopic_mm2 = 1e-6")
+    pipeline.run(copied.path, "mesh", force=True)
+    (told,) = (number for number, line in enumerate(lines) if line.startswith("WARNING"))
+    assert lines[told].startswith("WARNING: in figures: ")
+    assert told < next(number for number, line in enumerate(lines) if "started" in line)
+
+
 class Narrow(closed_form.ClosedFormSolver):
     """A solver that honours few parameters and small strain alone."""
 

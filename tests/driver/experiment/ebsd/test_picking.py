@@ -65,6 +65,14 @@ def test_a_number_picks_the_grain_that_the_file_counts() -> None:
     assert refused(titanium, Pick(grain=3))[0] == "the phase “titanium” of Laue class 6/mmm there"
 
 
+def test_grains_are_told_in_their_order_along_the_loading_axis() -> None:
+    for along, first in (((1.0, 0.0), "[0.5, 0.5] (1.5"), ((-1.0, 0.0), "[1.5, 0.5] (1 ×")):
+        expected = refused(POINTS, Pick(along=along))[1]
+        assert expected.split("ebsd_to_specimen: ")[1].startswith(first)
+    numbered = replace(POINTS, grain_ids=np.where(X < 1.2, 7, 12))
+    assert "8 points, grain 12), [0.5" in refused(numbered, Pick(along=(-1.0, 0.0)))[1]
+
+
 def test_a_number_without_numbers_in_the_file_is_refused() -> None:
     found, expected = refused(POINTS, Pick(grain=7))
     assert found == "ebsd_grain = 7, but no numbers of grains in it"
@@ -85,11 +93,13 @@ def test_a_pick_that_meets_no_grain_is_told_what_could_be_picked(
 ) -> None:
     choice = (
         "ebsd_point_um = [x, y] with x from 0 to 2.5 and y from 0 to 1.5, such as in its largest "
-        "grains [0.5, 0.5] (11 points), [1.5, 0.5] (8 points)"
+        "grains, in their order along Y by orientation.ebsd_to_specimen: [0.5, 0.5] "
+        "(1.5 × 2 µm, 11 points), [1.5, 0.5] (1 × 2 µm, 8 points)"
     )
     assert refused(POINTS, Pick(place)) == (found, choice)
     numbered = replace(POINTS, grain_ids=np.ones(24, dtype=np.int64))
-    by_number = f"{choice}, or ebsd_grain, a number of its own"
+    told = choice.replace("points)", "points, grain 1)")
+    by_number = f"{told}, or ebsd_grain, a number of its own"
     assert refused(numbered, Pick(place)) == (found, by_number)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from driver.check.magnitudes import largest_schmid_factor, magnitudes, youngs_modulus
+from driver.doubts.magnitudes import largest_schmid_factor, magnitudes, youngs_modulus
 from driver.experiment.history import History
 from meshes.arrays import FloatArray
 from solver_adapters.crystal import BCC

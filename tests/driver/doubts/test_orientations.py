@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from driver.case.grains import Grain, Orientation
 from driver.case.model import Case, default_case, load_case, write_case
-from driver.check.orientations import look_at_orientations
+from driver.doubts.orientations import look_at_orientations
 from tests.driver.ebsd_files import FIRST, SECOND, grid, halves, write_ang, write_ctf
 
 X, Y = grid(4, 6)
@@ -165,3 +166,84 @@ def test_grains_that_the_map_shows_the_other_way_round_are_told(
     assert bool(message) == warned
     if warned:
         assert message.startswith("grains: by orientation.ebsd_to_specimen first lies farther")
+
+
+@pytest.mark.parametrize(
+    ("write", "wrong", "right"),
+    [(write_ang, ("oxford", "bruker"), ("edax",)), (write_ctf, ("edax",), ("oxford", "bruker"))],
+)
+def test_the_frame_of_another_maker_than_wrote_the_map_is_asked_about(
+    tmp_path: Path,
+    write: Callable[..., Path],
+    wrong: Sequence[str],
+    right: Sequence[str],
+) -> None:
+    file = tmp_path / ("map.ang" if write is write_ang else "map.ctf")
+    write(file, X, Y, halves(X, 1.5))
+    grains = tuple(
+        Grain(name=name, ebsd=str(file), ebsd_point_um=(at, 0.5))
+        for name, at in (("first", 0.5), ("second", 2.0))
+    )
+
+    def warned(frame: str) -> list[str]:
+        case = case_of(tmp_path, *grains, ebsd_frame=frame, ebsd_to_specimen=ROWS)
+        return [line for line in told(case, "warning") if "another maker" in line]
+
+    for frame in wrong:
+        (line,) = warned(frame)
+        assert line.startswith(f'{file}: orientation.ebsd_frame: found "{frame}" for a map that')
+        assert f"expected {' or '.join(map(repr, right))};".replace("'", '"') in line
+    assert [line for frame in right for line in warned(frame)] == []
+
+
+def test_a_map_that_another_program_has_handed_on_may_be_of_any_maker(tmp_path: Path) -> None:
+    """Orix names its columns so."""
+    file = write_ang(tmp_path / "map.ang", X, Y, halves(X, 1.5), grains=np.where(X < 1.5, 1, 2))
+    grains = tuple(Grain(name=name, ebsd=str(file), ebsd_grain=n) for n, name in enumerate("ab", 1))
+    case = case_of(tmp_path, *grains, ebsd_frame="oxford", ebsd_to_specimen=ROWS)
+    assert not any("another maker" in line for line in told(case, "warning"))
+
+
+def tilted(folder: Path, normal: tuple[float, float, float], angle: float) -> list[str]:
+    """Warnings of a boundary of this normal, where a map of 12 × 8 µm shows its trace in the face.
+
+    Args:
+        folder: of the case.
+        normal: of the boundary in the case.
+        angle: of the trace in the map, from its y towards its x [degrees].
+    """
+    x, y = grid(33, 49, 0.25)
+    slope = np.tan(np.deg2rad(angle))
+    turned = np.where((x - 6.0 < slope * (y - 4.0))[:, None], FIRST, SECOND)
+    file = write_ang(folder / "map.ang", x, y, turned)
+    grains = tuple(
+        Grain(name=name, ebsd=str(file), ebsd_point_um=(at, 4.0))
+        for name, at in (("first", 3.0), ("second", 9.0))
+    )
+    case = case_of(folder, *grains, ebsd_frame="edax", ebsd_to_specimen=ROWS)
+    plane = {"boundary_point_um": (0.0, 6.0, 0.0), "boundary_normal": normal}
+    specimen = case.specimen.model_copy(update=plane)
+    return told(case.model_copy(update={"specimen": specimen}), "warning")
+
+
+@pytest.mark.parametrize("angle", [-20.0, 0.0, 3.0, 30.0])
+def test_a_boundary_that_the_map_shows_as_the_case_has_it_is_not_doubted(
+    tmp_path: Path, angle: float
+) -> None:
+    """With x along Y and y along X the trace Y = X tan a has the normal (−sin a, cos a)."""
+    a = np.deg2rad(angle)
+    assert tilted(tmp_path, (-np.sin(a), np.cos(a), 0.4), angle) == []
+
+
+def test_a_boundary_that_the_map_shows_otherwise_is_told_with_the_normal_that_it_shows(
+    tmp_path: Path,
+) -> None:
+    a = np.deg2rad(20.0)
+    (line,) = tilted(tmp_path, (np.sin(a), np.cos(a), 0.4), 20.0)
+    assert line.startswith(
+        "specimen.boundary_normal: found a plane whose trace on the face is 40° from that of first "
+        f"and second in {tmp_path / 'map.ang'} (± "
+    )
+    shown = [float(number) for number in line.split("about [")[1].split("]")[0].split(",")]
+    unit = np.array([-np.sin(a), np.cos(a), 0.4]) / np.sqrt(1.16)
+    np.testing.assert_allclose(shown, unit, atol=0.02)

@@ -7,9 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from driver.case.history import HistoryTable
 from driver.case.model import Case, load_case
-from driver.check.check_result import Finding
-from driver.check.plausible import in_figures
+from driver.doubts.finding import Finding
+from driver.doubts.plausible import in_figures
+from driver.experiment.history import History
 from driver.experiment.reading import history_of
 
 ALPHA = Path(__file__).parents[3] / "examples" / "alpha" / "case.toml"
@@ -51,6 +53,49 @@ def test_a_wrong_unit_is_one_warning_with_its_key_and_the_unit_that_it_may_be(
     _, warning = found(load_case(ALPHA), **factors)
     assert warning.level == "warning"
     assert all(part in warning.message for part in said), warning.message
+
+
+def in_minutes(folder: Path, header: str, time: str | int) -> tuple[Case, History]:
+    """The example with an image every three minutes, and its log with the times in minutes."""
+    _, *rows = (ALPHA.parent / "history.csv").read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    written = [",".join([f"{4.5 * float(time) / 60:g}", *rest]) for time, *rest in cells]
+    log = folder / "log.csv"
+    log.write_text("\n".join(filter(None, [header, *written])))
+    columns = {"time": {"name": time, "unit": "s"}}
+    if not header:
+        columns |= {"stage": {"name": 2, "unit": "um"}, "force": {"name": 4, "unit": "N"}}
+        columns |= {"image": {"name": 3}}
+    stated = {"file": str(log), "header_row": 1 if header else 0, "columns": columns}
+    table = HistoryTable.model_validate(stated)
+    case = load_case(ALPHA).model_copy(update={"history": table})
+    return case, history_of(case)
+
+
+NAMED = "{},stage_um,image,force_N"
+
+
+@pytest.mark.parametrize(("header", "time"), [("", 1), (NAMED.format("t"), "t")])
+def test_minutes_of_a_file_that_tells_no_unit_are_asked_about_with_both_rates(
+    tmp_path: Path, header: str, time: str | int
+) -> None:
+    case, history = in_minutes(tmp_path, header, time)
+    _, warning = in_figures(case, history, case.force_scale * history.force)
+    # 5 µm of 32 mm in 10 · 4.5 / 60 s.
+    assert warning.message.startswith(
+        "history.columns.time: found an image every 3.00 s and a strain rate of 2.1·10⁻⁴ /s, in a "
+        "column whose unit the file does not tell; in min they would be 3.00 min and 3.5·10⁻⁶ /s; "
+    )
+    assert 'unit = "min"' in warning.message
+
+
+def test_a_fast_test_is_no_doubt_where_the_file_tells_seconds(tmp_path: Path) -> None:
+    case, history = in_minutes(tmp_path, NAMED.format("t [s]"), "t [s]")
+    force = case.force_scale * history.force
+    assert [finding.level for finding in in_figures(case, history, force)] == ["ok"]
+    case, history = in_minutes(tmp_path, NAMED.format("t"), "t")
+    slow = replace(history, time=60 * history.time)
+    assert [finding.level for finding in in_figures(case, slow, force)] == ["ok"]
 
 
 @pytest.mark.parametrize(("section", "times"), [(30.0, "0.16"), (0.3, "16")])

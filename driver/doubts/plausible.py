@@ -9,10 +9,11 @@ from collections.abc import Iterator
 
 from driver.case.history import ForceColumn, StageColumn, TimeColumn
 from driver.case.model import Case
-from driver.check.check_result import Finding
-from driver.check.magnitudes import Magnitudes, magnitudes
 from driver.common.formatting import number
+from driver.doubts.finding import Finding
+from driver.doubts.magnitudes import Magnitudes, magnitudes
 from driver.experiment.history import History
+from driver.experiment.log_columns import tells_unit
 from driver.experiment.orientations import orientations_of
 from driver.experiment.reading import fitted_loads
 from meshes.arrays import FloatArray
@@ -24,6 +25,9 @@ _STRAINS = (1e-4, 0.5)
 _RATES = (1e-8, 1.0)
 # A height map takes seconds; after hours nobody waits for the next one.
 _INTERVALS = (2.0, 2e4)
+# An image sooner than a height map is taken with its hold, at a rate of no quasi-static test: where
+# the file tells no unit, both are those of a log in minutes.
+_SOON, _FAST = 20.0, 1e-4
 # Below it no slip that the loads could tell; above it more than any micro-specimen bears.
 _STRESSES = (1.0, 5000.0)
 # The law begins to slip at one; at ten its hardening would be nine times its critical stress.
@@ -115,6 +119,20 @@ def _strange_times(case: Case, of: Magnitudes) -> Iterator[str]:
         yield (
             f"history.columns.time: found an image every {number(of.interval)} s, expected "
             f"{low:g} to {high:g} s; {remedy}"
+        )
+        return
+    if (
+        case.with_images
+        and column.unit == "s"
+        and of.interval < _SOON
+        and of.rate > _FAST
+        and not tells_unit(case.path(case.history.file), case.history, "time")
+    ):
+        yield (
+            f"history.columns.time: found an image every {number(of.interval)} s and a strain rate "
+            f"of {number(of.rate, 2)} /s, in a column whose unit the file does not tell; in min "
+            f"they would be {number(of.interval)} min and {number(of.rate / 60, 2)} /s; "
+            f"{_remedy('time', column, 'min')}"
         )
         return
     low, high = _RATES

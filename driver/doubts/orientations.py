@@ -8,23 +8,26 @@ from math import pi
 
 import numpy as np
 
-from driver.case.grains import Grain
+from driver.case.grains import EULER_AXES, Grain
 from driver.case.model import Case
-from driver.check.check_result import Finding
 from driver.common.errors import InputError, show
 from driver.diagnosis.causes.ebsd_flips import SAME, disorientation
+from driver.doubts.finding import Finding
 from driver.experiment.ebsd.picking import PickedGrain
 from driver.experiment.ebsd.segmentation import THRESHOLD
 from driver.experiment.orientations import (
     GrainOrientation,
     grain_orientations,
     map_files,
+    map_traces,
     rotation_scales,
 )
 from driver.parameters.microstructure import ROTATION_SCALE
 from solver_adapters.crystal import bunge_angles, bunge_matrix
 
 _SUBJECT = "orientation"
+_FLAT = 0.2  # sine of the angle between a boundary and the map, below which it has no clear trace
+_MISALIGNED = 8.0  # degrees by which a map and a face may be put in beside one another
 _FEW = 10  # points, of which a mean says little
 
 
@@ -41,7 +44,7 @@ def look_at_orientations(case: Case) -> list[Finding]:
         found = grain_orientations(case)
     except InputError as error:
         return [Finding("error", _SUBJECT, str(error))]
-    findings = list(_frames(case))
+    findings = [*_frames(case), *_of_another_maker(case, found)]
     scales = rotation_scales(case)
     for number, (grain, orientation) in enumerate(zip(case.grains, found, strict=True), start=1):
         along = " ".join(f"{component:+.3f}" for component in orientation.rotation[1])
@@ -52,7 +55,8 @@ def look_at_orientations(case: Case) -> list[Finding]:
         else:
             scale = scales.get(f"rotation_grain{number}_x", ROTATION_SCALE)
             findings += _of_map(case, number, grain, orientation, orientation.of_map, scale)
-    return [*findings, *_alike(case, found), *_out_of_order(case, found)]
+    findings += [*_alike(case, found), *_out_of_order(case, found)]
+    return [*findings, *_other_boundaries(case)]
 
 
 def _angles(key: str, angles: tuple[float, float, float]) -> Iterator[Finding]:
@@ -110,6 +114,28 @@ def _frames(case: Case) -> Iterator[Finding]:
             "along +Z, out of the measured face; expected it along −Z for a map of that face, as "
             "[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]] with x of the map along Y and y "
             "along X",
+        )
+
+
+def _of_another_maker(case: Case, found: Sequence[GrainOrientation]) -> Iterator[Finding]:
+    """Yield maps that the software of another maker has written than the stated frame is of."""
+    stated = case.orientation.ebsd_frame
+    makers = {
+        case.path(grain.ebsd): orientation.of_map.makers
+        for grain, orientation in zip(case.grains, found, strict=True)
+        if grain.ebsd is not None and orientation.of_map is not None
+    }
+    for file, known in makers.items():
+        # Those of Oxford and Bruker are one frame.
+        if stated is None or not known or any(EULER_AXES[m] == EULER_AXES[stated] for m in known):
+            continue
+        expected = " or ".join(f'"{maker}"' for maker in known)
+        yield Finding(
+            "warning",
+            _SUBJECT,
+            f'{file}: orientation.ebsd_frame: found "{stated}" for a map that by its header was '
+            f"written by the software of another maker, expected {expected}; the grains are turned "
+            "by a quarter about the normal if that is wrong (docs/ebsd.md)",
         )
 
 
@@ -202,3 +228,34 @@ def _out_of_order(case: Case, found: Sequence[GrainOrientation]) -> Iterator[Fin
                 f"{second.name} in {first.ebsd}; expected grains in their order from S− (Y = 0) "
                 "on: exchange what picks them, or turn the matrix",
             )
+
+
+def _other_boundaries(case: Case) -> Iterator[Finding]:
+    """Yield grain boundaries whose trace on the face a map shows in another direction."""
+    frame, planes = case.orientation.rotation, case.specimen.planes
+    for number, trace in map_traces(case).items():
+        if number >= len(planes):
+            continue
+        normal = np.asarray(planes[number].normal) / np.linalg.norm(planes[number].normal)
+        into, seen = frame[:, 2], frame[:, :2] @ trace.along
+        stated = np.cross(normal, into)
+        steep = float(np.linalg.norm(stated))
+        if steep < _FLAT:
+            continue  # nearly the plane of the map itself
+        angle = float(np.rad2deg(np.arccos(min(abs(float(stated @ seen)) / steep, 1.0))))
+        error = np.rad2deg(max(3 * trace.sigma, 2 * trace.resolution))
+        if angle <= max(_MISALIGNED, error):
+            continue
+        across = np.cross(into, seen)
+        across *= np.sign(across @ normal)
+        shown = [round(float(c), 3) for c in (normal @ into) * into + steep * across]
+        key = "boundary_normal" if case.specimen.boundary_normal else f"boundaries.{number + 1}"
+        first, second = case.grains[number : number + 2]
+        yield Finding(
+            "warning",
+            _SUBJECT,
+            f"specimen.{key}: found a plane whose trace on the face is {angle:.0f}° from that of "
+            f"{first.name} and {second.name} in {first.ebsd} (± {np.rad2deg(trace.sigma):.1f}°), "
+            f"expected about {show(shown)}; look at the normal, and at "
+            "orientation.ebsd_to_specimen",
+        )

@@ -1,4 +1,4 @@
-"""What a check looked at and found."""
+"""What was looked at before a run, and found."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ import pytest
 
 from driver.case.history import ForceColumn, HistoryColumns
 from driver.case.model import default_case
-from driver.check.loads import strange_loads
+from driver.doubts.loads import strange_loads
 from driver.experiment.history import History
 
 STAGE = np.array([0.0, 10.0, 20.0, 10.0, 0.0])

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from driver.case.model import Case
-from driver.check.check_result import Finding
+from driver.doubts.finding import Finding
 from driver.experiment.history import History
 from meshes.arrays import FloatArray
 
