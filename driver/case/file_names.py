@@ -37,9 +37,13 @@ def with_file_names(case: Case, renamed: Callable[[str], str]) -> Case:
         grain if grain.ebsd is None else grain.model_copy(update={"ebsd": renamed(grain.ebsd)})
         for grain in case.grains
     )
+    specimen = {} if case.specimen.mesh_file is None else {
+        "mesh_file": renamed(case.specimen.mesh_file)
+    }  # fmt: skip
     store = {} if case.execution.store is None else {"store": renamed(case.execution.store)}
     return case.model_copy(
         update={
+            "specimen": case.specimen.model_copy(update=specimen),
             "grains": grains,
             "images": case.images.model_copy(update=images),
             "dic": case.dic.model_copy(update=meshes),

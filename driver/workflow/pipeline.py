@@ -40,6 +40,7 @@ from driver.workflow.engine import (
     finished,
     identified_files,
     measured_files,
+    meshed_files,
     reported_files,
     run_stages,
 )
@@ -70,12 +71,12 @@ def stages(case: Case) -> Sequence[Stage]:
     if not case.with_images:
         inputs = (*_MESH, "history", "sections", "loads", *_IDENTIFY)
         return (
-            Stage("mesh", "3", _MESH, run_mesh),
+            Stage("mesh", "3", _MESH, run_mesh, meshed_files),
             Stage("identify", "9", inputs, run_identify_loads, identified_files),
             Stage("report", "4", inputs, run_report_loads, reported_files),
         )
     return (
-        Stage("mesh", "3", _MESH, run_mesh),
+        Stage("mesh", "3", _MESH, run_mesh, meshed_files),
         Stage(
             "measure",
             "10",
