@@ -6,8 +6,11 @@ import numpy as np
 
 from meshes.arrays import FloatArray, IntArray
 from meshes.cells import outer_faces
+from meshes.plane_cells import CellKind
+from meshes.plane_mesh import PlaneMesh
 from meshes.prism_mesh import PrismMesh
 
+_INSET = 1e-6  # of the face, by which places beside it are drawn onto it
 _STRAIGHT = 1e-9  # sine of the angle between two parts of one line
 
 
@@ -49,6 +52,27 @@ def middles_of_grains(mesh: PrismMesh) -> list[tuple[int, FloatArray]]:
         own = middles[grain == k]
         nearest = np.argmin(np.linalg.norm(own - own.mean(axis=0), axis=1))
         found.append((int(k), own[nearest]))
+    return found
+
+
+def grains_at(mesh: PrismMesh, xy: FloatArray) -> IntArray:
+    """Return the grain on the measured face at each place, or beside it at the nearest of its rim.
+
+    Args:
+        mesh: of straight cells.
+        xy: places X, Y [µm], shape (n, 2).
+
+    Returns:
+        its index, from 0, shape (n,).
+    """
+    corners, grain = _faces(mesh)
+    nodes, local = np.unique(corners, return_inverse=True)
+    points = mesh.points[nodes, :2]
+    kind: CellKind = "tri3" if corners.shape[1] == 3 else "quad4"
+    face = PlaneMesh(points, local.reshape(corners.shape), kind)
+    low, high = points.min(axis=0), points.max(axis=0)
+    inset = _INSET * (high - low)
+    found: IntArray = grain[face.locate(np.clip(xy, low + inset, high - inset))[0]]
     return found
 
 

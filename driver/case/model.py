@@ -101,7 +101,7 @@ class Case(Table):
 
     @model_validator(mode="after")
     def _boundary_parts_the_grains(self) -> Self:
-        if self.specimen.of_mesh:
+        if self.specimen.boundaries_stay:
             return self
         count, planes = len(self.grains), len(self.specimen.planes)
         if count == planes + 1:
@@ -160,11 +160,11 @@ class Case(Table):
             and (n_grains > 1 or not name.startswith(_OF_TWO_GRAINS))
             and (self.material.slip_systems == "bcc" or name not in OF_BCC)
         ]
-        if self.specimen.of_mesh:
+        if self.specimen.boundaries_stay:
             known = [name for name in known if not moves_boundary(name)]
         for name, value in self.extensions.items():
-            if self.specimen.of_mesh and moves_boundary(name):
-                expected = 'none of a grain boundary: with shape = "mesh" they stay'
+            if self.specimen.boundaries_stay and moves_boundary(name):
+                expected = "none of a grain boundary: those of mesh_file and labels stay"
                 raise refusal(expected, "extensions", f'the name "{name}"')
             if name not in known:
                 fitted = "a parameter that is not fitted in any case"

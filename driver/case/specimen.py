@@ -93,9 +93,21 @@ class Specimen(Table):
         description='a text in quotes, the mesh of the specimen with shape = "mesh": .msh, .med or '
         ".vtu, in µm",
     )
-    added: ClassVar[frozenset[str]] = frozenset(
-        {"shape", "bottom_width_um", "boundaries", "mesh_file"}
+    labels: FileName | None = Field(
+        default=None,
+        description="a text in quotes, an image of the number of the grain at each pixel of the "
+        "face, which lies as the images do; grains are columns below it",
     )
+    labels_pixel_nm: Positive | None = Field(
+        default=None,
+        description="side of a pixel of labels, default that of the images, whose field it shows",
+    )
+
+    added: ClassVar[frozenset[str]] = frozenset(
+        {
+            "shape", "bottom_width_um", "boundaries", "mesh_file", "labels", "labels_pixel_nm",
+        }
+    )  # fmt: skip
 
     _refined: int | None = PrivateAttr(default=None)
     _measures: Measures | None = PrivateAttr(default=None)
@@ -116,6 +128,11 @@ class Specimen(Table):
     def of_mesh(self) -> bool:
         """Whether it is a mesh of the user's own."""
         return self.shape == "mesh"
+
+    @property
+    def boundaries_stay(self) -> bool:
+        """Whether its grain boundaries are drawn and no parameter moves them."""
+        return self.of_mesh or self.labels is not None
 
     @property
     def automatic(self) -> bool:
@@ -249,6 +266,10 @@ class Specimen(Table):
             raise refusal('nothing, or shape = "mesh"', "mesh_file")
         if self.of_mesh:
             self._refuse_what_the_mesh_tells()
+        if self.labels is not None:
+            self._refuse_what_the_labels_tell()
+        elif self.labels_pixel_nm is not None:
+            raise refusal("nothing, or labels as well", "labels_pixel_nm")
         automatic = [key for key in SIZES if getattr(self, key) == AUTO]
         if len(automatic) == 1:
             other = next(key for key in SIZES if key not in automatic)
@@ -267,14 +288,21 @@ class Specimen(Table):
             raise refusal(
                 'a text in quotes, the mesh of the specimen, for shape = "mesh"', "mesh_file"
             )
-        stated = {
-            "boundary_point_um": self.boundary_point_um,
-            "boundary_normal": self.boundary_normal,
-            "boundaries": self.boundaries or None,
-        }
-        for key, value in stated.items():
-            if value is not None:
-                raise refusal("nothing: mesh_file has it", key)
+        self._refuse_planes("mesh_file")
+        if self.labels is not None:
+            raise refusal("nothing: mesh_file has it", "labels")
+
+    def _refuse_what_the_labels_tell(self) -> None:
+        """Refuse keys of what the label image has, and cells that cannot follow it."""
+        self._refuse_planes("labels")
+        if self.cells == "hex20":
+            raise refusal('"tet10", which follow labels, or nothing', "cells")
+
+    def _refuse_planes(self, told: str) -> None:
+        """Refuse planes between grains, which another key tells."""
+        for key in ("boundary_point_um", "boundary_normal", "boundaries"):
+            if getattr(self, key):
+                raise refusal(f"nothing: {told} has it", key)
 
     def _refuse_boundaries(self) -> None:
         """Refuse boundaries that do not part a row of grains."""

@@ -143,7 +143,7 @@ def _draw_boundaries(axes: Axes, case: Case) -> None:
     for grain, (x, y) in grain_places(case):
         axes.text(
             y,
-            x + 0.1 * specimen.width if specimen.of_mesh else -0.38 * specimen.width,
+            x + 0.1 * specimen.width if specimen.boundaries_stay else -0.38 * specimen.width,
             literal(case.grains[grain].name),
             color=_BOUNDARY,
             ha="center",

@@ -17,6 +17,7 @@ from driver.dic.surface_images import SurfaceImages, prepare
 from driver.experiment.history import History, knot_weights
 from driver.experiment.images.flatfield import FlatField, flat_pattern
 from driver.experiment.images.reference import Reference, build_reference, stated_reference
+from driver.experiment.labels import columns_of_case
 from driver.experiment.orientations import orientations_of, rotation_scales
 from driver.experiment.reading import Experiment
 from driver.forward.boundary_motion import BoundaryMotion
@@ -29,6 +30,7 @@ from driver.parameters.registry import declared_parameters
 from driver.parameters.user_terms import BoundaryTerm, ReadingTerm, terms_of
 from meshes.arrays import FloatArray
 from meshes.cells import NAMES
+from meshes.columnar import generate_columns
 from meshes.plane_files import read_plane_mesh
 from meshes.plane_mesh import PlaneMesh
 from meshes.prism import MOST_CELLS, PrismGeometry, generate, refuse_too_many
@@ -51,7 +53,10 @@ _SAME = 0.02  # element sizes between two nodes that are as good as the same
 
 
 def geometry_of(case: Case) -> PrismGeometry:
-    """Return the prism and its grain boundaries; of a mesh of the user's own the bar about it."""
+    """Return the prism and its plane grain boundaries, of which a label image tells none.
+
+    Of a mesh of the user's own it is the bar about it.
+    """
     s = case.specimen
     return PrismGeometry(s.length, s.width, s.depth, s.planes, s.bottom)
 
@@ -66,7 +71,10 @@ def mesh_of(case: Case, size: float) -> PrismMesh:
     if specimen.mesh_file is not None:
         whole = mesh_of_file(case.path(specimen.mesh_file))
         return in_pieces(whole, specimen.divisions(size))
+    columns = columns_of_case(case)
     try:
+        if columns is not None:
+            return generate_columns(geometry_of(case), columns, size)
         return generate(geometry_of(case), size, case.specimen.cell_kind)
     except (ValueError, RuntimeError) as error:
         instead = ', or cells = "tet10"' if case.specimen.cell_kind == "hex20" else ""

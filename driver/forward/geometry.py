@@ -6,6 +6,7 @@ import numpy as np
 
 from driver.case.model import Case
 from driver.case.user_mesh import mesh_of_file
+from driver.experiment.labels import columns_of_case
 from meshes.arrays import FloatArray
 from meshes.prism_mesh import PrismMesh
 from meshes.surface_grains import middles_of_grains, segments_between_grains
@@ -14,15 +15,18 @@ from meshes.surface_grains import middles_of_grains, segments_between_grains
 def boundary_traces(case: Case) -> FloatArray:
     """Return the ends (X, Y) of the trace of each grain boundary on the face [µm].
 
-    Those parallel to the loading axis have none. On a mesh of the user's own a trace is in as many
-    straight parts as there are.
+    Those parallel to the loading axis have none. On a mesh of the user's own, and in a label
+    image, a trace is in as many straight parts as it has.
 
     Returns:
         traces in the order of the grains, shape (n, 2, 2).
     """
-    mesh = _mesh(case)
+    mesh, columns = _mesh(case), columns_of_case(case)
     if mesh is not None:
         return segments_between_grains(mesh)
+    if columns is not None:
+        parts = [np.stack([line[:-1], line[1:]], axis=1) for line in columns.lines]
+        return np.concatenate([np.zeros((0, 2, 2)), *parts])
     x = case.specimen.width / 2 * np.array([-1.0, 1.0])
     traces = []
     for boundary in case.specimen.planes:
@@ -35,9 +39,11 @@ def boundary_traces(case: Case) -> FloatArray:
 
 def grain_places(case: Case) -> list[tuple[int, FloatArray]]:
     """Return the grains that reach the face, from 0, with a place X, Y of each [µm]."""
-    mesh = _mesh(case)
+    mesh, columns = _mesh(case), columns_of_case(case)
     if mesh is not None:
         return middles_of_grains(mesh)
+    if columns is not None:
+        return columns.middles(case.specimen.width, case.specimen.length)
     specimen, traces = case.specimen, boundary_traces(case)
     if len(traces) != len(specimen.planes) or not len(traces):
         return []

@@ -110,7 +110,7 @@ def true_case(case: Case, settings: Virtual) -> Case:
     solver = capabilities_of(case)
     layered = solver.mean_dilatation and "hex20" in {NAMES[nodes] for nodes in solver.cells}
     follows = geometry_of(case).crossed_from_side_to_side
-    chosen = layered and follows and not case.specimen.of_mesh
+    chosen = layered and follows and not case.specimen.boundaries_stay
     kind: CellKind = "hex20" if chosen else case.specimen.cell_kind
     mesh = {"cells": kind, "mesh_size_um": size, "fine_mesh_size_um": _HALF * size}
     run = {

@@ -118,9 +118,9 @@ class Stage:
 
 
 def meshed_files(case: Case) -> tuple[Path, ...]:
-    """Return the mesh of the user's own, where a case names one."""
-    name = case.specimen.mesh_file
-    return () if name is None else (case.path(name),)
+    """Return the mesh of the user's own, or the label image, where a case names one."""
+    names = case.specimen.mesh_file, case.specimen.labels
+    return tuple(Path(split_dataset(case.path(name))[0]) for name in names if name is not None)
 
 
 def measured_files(case: Case) -> tuple[Path, ...]:

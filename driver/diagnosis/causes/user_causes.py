@@ -151,7 +151,7 @@ def asked_causes(case: Case, path: Path | None = None) -> tuple[Cause, ...]:
     """
     own = user_causes(case)
     known = [*names(len(case.grains)), *(cause.name for cause in own)]
-    if case.specimen.of_mesh:
+    if case.specimen.boundaries_stay:
         known = [name for name in known if not moves_boundary(name)]
     asked = case.diagnosis.causes if case.diagnosis.causes != "all" else ()
     refused = [
@@ -165,8 +165,8 @@ def asked_causes(case: Case, path: Path | None = None) -> tuple[Cause, ...]:
 
 
 def _expected(case: Case, name: str, known: Sequence[str]) -> str:
-    if case.specimen.of_mesh and moves_boundary(name):
-        return 'no cause of a grain boundary: with specimen.shape = "mesh" they stay'
+    if case.specimen.boundaries_stay and moves_boundary(name):
+        return "no cause of a grain boundary: those of specimen.mesh_file and labels stay"
     return one_of(name, known)
 
 

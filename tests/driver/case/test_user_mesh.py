@@ -90,8 +90,8 @@ def test_a_mesh_of_another_specimen_or_unit_is_refused_in_one_sentence(
          "boundary_point_um = [0.0, 6.0, 0.0]\nboundary_normal = [0.0, 1.0, 0.0]",
          "specimen.boundary_point_um: found [0.0, 6.0, 0.0], expected nothing: mesh_file has it"),
         ("[extensions]", "[extensions]\nboundary_shift = 0.1",
-         'extensions: found the name "boundary_shift", expected none of a grain boundary: with '
-         'shape = "mesh" they stay'),
+         'extensions: found the name "boundary_shift", expected none of a grain boundary: '
+         "those of mesh_file and labels stay"),
     ],
 )  # fmt: skip
 def test_what_a_mesh_has_already_is_refused_in_one_sentence(
@@ -121,8 +121,8 @@ def test_causes_of_a_boundary_are_none_of_a_mesh(tmp_path: Path, mesh: Path) -> 
     with pytest.raises(InputError) as error:
         asked_causes(case)
     assert str(error.value).endswith(
-        'diagnosis.causes: found "boundary_tilt", expected no cause of a grain boundary: with '
-        'specimen.shape = "mesh" they stay'
+        'diagnosis.causes: found "boundary_tilt", expected no cause of a grain boundary: those of '
+        "specimen.mesh_file and labels stay"
     )
 
 
