@@ -113,7 +113,13 @@ def run_diagnose(context: StageContext) -> None:
         baseline, objective, FineModels(problem.finer, lambda: on_another_mesh(case, problem)),
         cycles, settings, known,
     )  # fmt: skip
-    where = residual_localisation(diagnosis, geometry_of(case), problem.experiment.history)
+    parted = case.specimen.boundaries_stay and len(case.grains) > 1
+    where = residual_localisation(
+        diagnosis,
+        geometry_of(case),
+        problem.experiment.history,
+        problem.working.microstructure.mesh if parted else None,
+    )
     diagnosis = replace(diagnosis, verdict=with_places(diagnosis.verdict, still_missed(where)))
     if diagnosis.numerics.needed is not None:
         refinement = to_refine(case, diagnosis.numerics.needed, perf_counter() - start)
