@@ -127,7 +127,9 @@ def init(
     crystal: Annotated[
         Crystal, typer.Option(help="slip systems and constants: a BCC steel, or copper")
     ] = "bcc",
-    shape: Annotated[Shape, typer.Option(help="triangular prism, or bar")] = "prism",
+    shape: Annotated[
+        Shape, typer.Option(help="triangular prism, bar, or a mesh of your own")
+    ] = "prism",
     frames: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="images of the test: a file, a folder or a pattern"),

@@ -1,4 +1,4 @@
-"""Plane meshes that gmsh reads in a process of its own, which hands over the arrays.
+"""Meshes that gmsh reads in a process of its own, which hands over the arrays.
 
 A damaged file may spoil the memory of the process that has read it, which ends later: gmsh reads
 none of unknown origin in the process that asks.
@@ -11,11 +11,14 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from types import ModuleType
 
 import meshio
 import numpy as np
 
+from meshes.arrays import BoolArray, FloatArray, IntArray
 from meshes.gmsh_library import running_gmsh
 from meshes.med_file import quiet_library
 
@@ -24,6 +27,11 @@ _BEGINS = {"gmsh": b"$MeshFormat", "med": b"\x89HDF"}
 _GMSH_KINDS = {
     "Point": "vertex", "Line 2": "line", "Line 3": "line3", "Triangle 3": "triangle",
     "Triangle 6": "triangle6", "Quadrilateral 4": "quad", "Quadrilateral 8": "quad8",
+    "Quadrilateral 9": "quad9", "Tetrahedron 4": "tetra", "Tetrahedron 10": "tetra10",
+    "Hexahedron 8": "hexahedron", "Hexahedron 20": "hexahedron20",
+    "Hexahedron 27": "hexahedron27", "Prism 6": "wedge", "Prism 15": "wedge15",
+    "Prism 18": "wedge18", "Pyramid 5": "pyramid", "Pyramid 13": "pyramid13",
+    "Pyramid 14": "pyramid14",
 }  # fmt: skip
 _SECONDS = 300.0  # of a loaded machine; that a file can be read in its time has been tried before
 
@@ -48,7 +56,8 @@ def read_elsewhere(path: Path, file_format: str) -> meshio.Mesh:
         )  # fmt: skip
         with np.load(target) as arrays:
             cells = [(str(kind), arrays[f"cells_{n}"]) for n, kind in enumerate(arrays["kinds"])]
-            return meshio.Mesh(arrays["points"], cells)
+            members = dict(zip(map(str, arrays["groups"]), arrays["members"], strict=True))
+            return _mesh(arrays["points"], cells, members)
 
 
 def read_with_gmsh(path: str | Path, file_format: str) -> meshio.Mesh:
@@ -81,12 +90,36 @@ def _by_gmsh(path: Path) -> meshio.Mesh:
         tags, places, _ = gmsh.model.mesh.getNodes()
         row = np.full(int(tags.max(initial=0)) + 1, -1)
         row[tags.astype(np.int64)] = np.arange(len(tags))
-        cells = []
-        for kind, _, nodes in zip(*gmsh.model.mesh.getElements(), strict=True):
-            name, _, _, n_nodes, *_ = gmsh.model.mesh.getElementProperties(kind)
-            of_cells = row[nodes.astype(np.int64)].reshape(-1, n_nodes)
-            cells.append((_GMSH_KINDS.get(name, name), of_cells))
-        return meshio.Mesh(places.reshape(-1, 3), cells)
+        cells, groups = [], []
+        for entity in gmsh.model.getEntities():
+            of_entity = _groups_of(gmsh, *entity)
+            for kind, _, nodes in zip(*gmsh.model.mesh.getElements(*entity), strict=True):
+                name, _, _, n_nodes, *_ = gmsh.model.mesh.getElementProperties(kind)
+                of_cells = row[nodes.astype(np.int64)].reshape(-1, n_nodes)
+                cells.append((_GMSH_KINDS.get(name, name), of_cells))
+                groups.append(of_entity)
+        names = sorted(set[str]().union(*groups))
+        members = {name: np.array([name in some for some in groups]) for name in names}
+        return _mesh(places.reshape(-1, 3), cells, members)
+
+
+def _groups_of(gmsh: ModuleType, dimension: int, tag: int) -> set[str]:
+    """Names of the groups of an entity, or their numbers where they have none."""
+    numbers = gmsh.model.getPhysicalGroupsForEntity(dimension, tag)
+    named = {int(n): gmsh.model.getPhysicalName(dimension, n) for n in numbers}
+    return {name or str(n) for n, name in named.items()}
+
+
+def _mesh(
+    points: FloatArray, cells: list[tuple[str, IntArray]], members: Mapping[str, BoolArray]
+) -> meshio.Mesh:
+    """Return a mesh whose groups are whole blocks of cells."""
+    sets = {
+        name: [np.arange(len(nodes) if inside else 0) for (_, nodes), inside in zip(
+            cells, of_blocks, strict=True)]
+        for name, of_blocks in members.items()
+    }  # fmt: skip
+    return meshio.Mesh(points, cells, cell_sets=sets)
 
 
 def main() -> None:
@@ -95,7 +128,11 @@ def main() -> None:
     mesh = read_with_gmsh(path, file_format)
     arrays = {f"cells_{n}": block.data for n, block in enumerate(mesh.cells)}
     kinds = np.array([block.type for block in mesh.cells], dtype=np.str_)
-    np.savez(target, points=mesh.points, kinds=kinds, **arrays)
+    groups = np.array(list(mesh.cell_sets), dtype=np.str_)
+    members = np.array(
+        [[len(ids) > 0 for ids in of_blocks] for of_blocks in mesh.cell_sets.values()], dtype=bool
+    ).reshape(len(groups), len(kinds))
+    np.savez(target, points=mesh.points, kinds=kinds, groups=groups, members=members, **arrays)
 
 
 if __name__ == "__main__":

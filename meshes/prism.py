@@ -5,6 +5,7 @@ Tetrahedra are made by gmsh, hexahedra by sweeping quadrilaterals of the section
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite, prod, sqrt
@@ -166,13 +167,13 @@ def generate(
         return _layers(geometry, size, layers)
     if layers is not None:
         raise ValueError(f"layers are {layers} for a mesh of {kind}; hex20 alone has layers")
-    points, cells = _tet10_by_gmsh(geometry, size)
+    points, cells, _ = tetrahedra(lambda gmsh: _build(gmsh, geometry), size)
     if len(inverted_cells(points, cells)):
         raise RuntimeError(
             f"gmsh made inverted cells with element size {size} µm; another size is needed"
         )
     grain = geometry.grain_at(points[cells[:, :4]].mean(axis=1))
-    faces = _faces(geometry, points, cells)
+    faces = named_faces(geometry, points, cells)
     return PrismMesh(points, cells, grain, faces, node_groups(points, faces))
 
 
@@ -247,8 +248,22 @@ def _refuse_empty_grains(geometry: PrismGeometry) -> None:
             raise ValueError(f"{boundary} does not cut the prism: grain {empty} is empty")
 
 
-def _tet10_by_gmsh(geometry: PrismGeometry, size: float) -> tuple[FloatArray, IntArray]:
-    """Points (n, 3) and tet10 cells (m, 10) in VTK order."""
+def tetrahedra(
+    build: Callable[[ModuleType], None], size: float
+) -> tuple[FloatArray, IntArray, IntArray]:
+    """Mesh solids of gmsh by tetrahedra of a size.
+
+    Args:
+        build: makes the solids in the module that it gets.
+        size: edge of the cells [µm].
+
+    Returns:
+        points, shape (n, 3); tet10 cells in VTK order, shape (m, 10); number of the solid of each,
+        shape (m,).
+
+    Raises:
+        RuntimeError: gmsh could not mesh them.
+    """
     with running_gmsh() as gmsh:
         try:
             for option, value in {
@@ -263,7 +278,7 @@ def _tet10_by_gmsh(geometry: PrismGeometry, size: float) -> tuple[FloatArray, In
                 "Mesh.OptimizeThreshold": 0.6,
             }.items():
                 gmsh.option.setNumber(option, value)
-            _build(gmsh, geometry)
+            build(gmsh)
             gmsh.model.mesh.generate(3)
             return _tet10(gmsh)
         except Exception as error:  # gmsh raises bare Exception
@@ -271,16 +286,25 @@ def _tet10_by_gmsh(geometry: PrismGeometry, size: float) -> tuple[FloatArray, In
 
 
 def _build(gmsh: ModuleType, geometry: PrismGeometry) -> None:
-    occ = gmsh.model.occ
-    corners = geometry.corners
-    section = _polygon(occ, corners[: len(corners) // 2])
-    extruded = occ.extrude([(2, section)], 0, geometry.length, 0)
-    prism = [entity for entity in extruded if entity[0] == 3]
+    prism = solid_of(gmsh, geometry)
     squares = [_boundary_square(geometry, boundary) for boundary in geometry.boundaries]
     if squares:
+        occ = gmsh.model.occ
         occ.fragment(prism, [(2, _polygon(occ, square)) for square in squares])
-    occ.synchronize()
-    # What sticks out of the prism is no part of the mesh.
+    keep_solids(gmsh)
+
+
+def solid_of(gmsh: ModuleType, geometry: PrismGeometry) -> list[tuple[int, int]]:
+    """Make the prism as a solid of gmsh, and return it."""
+    occ, corners = gmsh.model.occ, geometry.corners
+    section = _polygon(occ, corners[: len(corners) // 2])
+    extruded = occ.extrude([(2, section)], 0, geometry.length, 0)
+    return [entity for entity in extruded if entity[0] == 3]
+
+
+def keep_solids(gmsh: ModuleType) -> None:
+    """Remove faces that bound no solid: what sticks out of the prism is no part of the mesh."""
+    gmsh.model.occ.synchronize()
     inside = gmsh.model.getBoundary(gmsh.model.getEntities(3), combined=False, oriented=False)
     gmsh.model.removeEntities(
         [face for face in gmsh.model.getEntities(2) if face not in inside], recursive=True
@@ -309,17 +333,23 @@ def _boundary_square(geometry: PrismGeometry, boundary: GrainBoundary) -> FloatA
     return square
 
 
-def _tet10(gmsh: ModuleType) -> tuple[FloatArray, IntArray]:
+def _tet10(gmsh: ModuleType) -> tuple[FloatArray, IntArray, IntArray]:
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
-    _, connectivity = gmsh.model.mesh.getElementsByType(_GMSH_TET10)
+    elements, connectivity = gmsh.model.mesh.getElementsByType(_GMSH_TET10)
     used, cells = np.unique(np.asarray(connectivity, dtype=np.int64), return_inverse=True)
     order = np.argsort(tags)
     rows = order[np.searchsorted(np.asarray(tags)[order], used)]
     points = np.asarray(coordinates, dtype=np.float64).reshape(-1, 3)[rows]
-    return points, cells.reshape(-1, 10)[:, _GMSH_TO_VTK]
+    solid = np.zeros(len(elements), dtype=np.int64)
+    for _, tag in gmsh.model.getEntities(3):
+        own, _ = gmsh.model.mesh.getElementsByType(_GMSH_TET10, tag)
+        solid[np.isin(elements, own)] = tag
+    return points, cells.reshape(-1, 10)[:, _GMSH_TO_VTK], solid
 
 
-def _faces(geometry: PrismGeometry, points: FloatArray, cells: IntArray) -> dict[str, IntArray]:
+def named_faces(
+    geometry: PrismGeometry, points: FloatArray, cells: IntArray
+) -> dict[str, IntArray]:
     """Return named faces; their nodes, off by gmsh's round-off, are put exactly on the planes."""
     outer, _ = outer_faces(cells)
     planes = {"S_PLUS": (1, geometry.length), "S_MINUS": (1, 0.0), "TOP": (2, 0.0)}

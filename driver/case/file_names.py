@@ -13,6 +13,7 @@ from driver.case.solver_profiles import with_files_of
 TRACE = "trace"
 """The mesh of a correlation that is no file: the trace of the working mesh on the face."""
 _OF_IMAGES = ("frames", "flats", "repeats", "mask", "noise_map")
+_OF_SPECIMEN = ("mesh_file", "labels")
 _OF_DIC = ("mesh", "height_mesh")
 
 
@@ -37,9 +38,15 @@ def with_file_names(case: Case, renamed: Callable[[str], str]) -> Case:
         grain if grain.ebsd is None else grain.model_copy(update={"ebsd": renamed(grain.ebsd)})
         for grain in case.grains
     )
+    specimen = {
+        key: renamed(name)
+        for key in _OF_SPECIMEN
+        if (name := getattr(case.specimen, key)) is not None
+    }
     store = {} if case.execution.store is None else {"store": renamed(case.execution.store)}
     return case.model_copy(
         update={
+            "specimen": case.specimen.model_copy(update=specimen),
             "grains": grains,
             "images": case.images.model_copy(update=images),
             "dic": case.dic.model_copy(update=meshes),

@@ -2,7 +2,8 @@
 
 Hexahedra have whole numbers of cells along half of the longest side of the section: 1 and 2 of
 them at first, then 1 and 3, 1 and 4, 2 and 5. The finer simulation counts to first order in all
-parameters, so that the working mesh need not be fine. Tetrahedra of 4 µm of width have 1.6 and
+parameters, so that the working mesh need not be fine. The edges of a mesh of the user's own are
+parted into as many pieces. Tetrahedra of 4 µm of width have 1.6 and
 1.11 µm at first, and two thirds of both with each refinement.
 """
 
@@ -48,7 +49,35 @@ def refined_sizes(section: Section, kind: CellKind, sizes: Sizes) -> Sizes:
     if kind == "tet10":
         return _rounded(*(_TWO_THIRDS * size for size in sizes))
     working, finer = (section.divisions(size) for size in sizes)
-    return _of_divisions(section, (max(working, finer // 2), finer + 1))
+    return _of_divisions(section, next_divisions(working, finer))
+
+
+def sizes_in_pieces(size: float, level: int) -> Sizes:
+    """Return the sizes after refinements of a mesh of the user's own, whose edges are parted [µm].
+
+    Args:
+        size: of the cells of the mesh as it is [µm].
+        level: how often both meshes were refined.
+    """
+    pieces = _HEXAHEDRA
+    for _ in range(level):
+        pieces = next_divisions(*pieces)
+    return sizes_of_pieces(size, pieces)
+
+
+def sizes_of_pieces(size: float, pieces: tuple[int, int]) -> Sizes:
+    """Return the sizes of the working and of the finer mesh of so many pieces of an edge [µm].
+
+    Args:
+        size: of the cells of the mesh as it is [µm].
+        pieces: of each edge in the working and in the finer mesh.
+    """
+    return _rounded(*(size / number for number in pieces))
+
+
+def next_divisions(working: int, finer: int) -> tuple[int, int]:
+    """Return the divisions of the working and of the finer mesh after one more refinement."""
+    return max(working, finer // 2), finer + 1
 
 
 def _of_divisions(section: Section, divisions: tuple[int, int]) -> Sizes:

@@ -8,7 +8,7 @@ from functools import reduce
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
-from pydantic import Field, PrivateAttr, ValidationError, model_validator
+from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
 from driver.case.grains import Grain, Orientation
 from driver.case.history import HistoryTable
@@ -20,9 +20,11 @@ from driver.case.messages import refusal, sentences
 from driver.case.solver import Execution, Solver
 from driver.case.specimen import Shape, Specimen
 from driver.case.toml import read_toml
+from driver.case.user_mesh import measures_of_file
 from driver.case.values import Number, Table
 from driver.common.errors import InputError, one_of
 from driver.parameters.boundary import LAMBDAS
+from driver.parameters.microstructure import moves_boundary
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.registry import declared_parameters
 from solver_adapters.material import OF_BCC
@@ -88,7 +90,19 @@ class Case(Table):
         return self._file
 
     @model_validator(mode="after")
+    def _mesh_of_its_own(self, info: ValidationInfo) -> Self:
+        # Without the place of the case its files are not known.
+        if not self.specimen.of_mesh or not info.context:
+            return self
+        assert self.specimen.mesh_file is not None
+        path = info.context["file"].parent / self.specimen.mesh_file
+        measures = measures_of_file(path, self.specimen, len(self.grains))
+        return self.model_copy(update={"specimen": self.specimen.measured(measures)})
+
+    @model_validator(mode="after")
     def _boundary_parts_the_grains(self) -> Self:
+        if self.specimen.boundaries_stay:
+            return self
         count, planes = len(self.grains), len(self.specimen.planes)
         if count == planes + 1:
             return self
@@ -146,7 +160,12 @@ class Case(Table):
             and (n_grains > 1 or not name.startswith(_OF_TWO_GRAINS))
             and (self.material.slip_systems == "bcc" or name not in OF_BCC)
         ]
+        if self.specimen.boundaries_stay:
+            known = [name for name in known if not moves_boundary(name)]
         for name, value in self.extensions.items():
+            if self.specimen.boundaries_stay and moves_boundary(name):
+                expected = "none of a grain boundary: those of mesh_file and labels stay"
+                raise refusal(expected, "extensions", f'the name "{name}"')
             if name not in known:
                 fitted = "a parameter that is not fitted in any case"
                 expected = fitted if name in taken else one_of(name, known)
@@ -278,12 +297,11 @@ def default_case(crystal: Crystal = "bcc", shape: Shape = "prism") -> Case:
         InputError: an installed term of the user's own cannot be used.
     """
     declared_parameters(1)  # a validator would wrap what is said of a bad term
+    plane = {"boundary_point_um": (0.0, 6.0, 0.0), "boundary_normal": (0.0, 1.0, 0.0)}
     return Case(
-        specimen=Specimen(
-            shape=shape,
-            boundary_point_um=(0.0, 6.0, 0.0),
-            boundary_normal=(0.0, 1.0, 0.0),
-        ),
+        specimen=Specimen(shape="mesh", mesh_file="specimen.msh")
+        if shape == "mesh"
+        else Specimen.model_validate({"shape": shape} | plane),
         grains=(
             Grain(name="grain 1", euler_deg=(0.0, 0.0, 0.0)),
             Grain(name="grain 2", euler_deg=(30.0, 0.0, 0.0)),

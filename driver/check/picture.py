@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from io import BytesIO
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ from driver.common.atomic_write import write_whole
 from driver.experiment.history import History
 from driver.experiment.images.region import CodeArray, Excluded
 from driver.experiment.reading import Experiment, fitted_loads
-from driver.forward.geometry import boundary_traces
+from driver.forward.geometry import boundary_traces, grain_places
 from driver.report.style import boundaries_label, literal
 from meshes.arrays import FloatArray
 
@@ -141,17 +140,11 @@ def _draw_boundaries(axes: Axes, case: Case) -> None:
             label="" if number else boundaries_label(len(traces)),
             path_effects=_RIM,
         )
-    if len(traces) != len(case.grains) - 1 or not len(traces):
-        return
-    heights = [float(trace[:, 1].mean()) for trace in traces]
-    ends = [0.0, *sorted(heights), specimen.length]
-    names = [literal(grain.name) for grain in case.grains]
-    along_y = specimen.planes[0].normal[1] > 0
-    for (start, end), name in zip(pairwise(ends), names if along_y else names[::-1], strict=True):
+    for grain, (x, y) in grain_places(case):
         axes.text(
-            (start + end) / 2,
-            -0.38 * specimen.width,
-            name,
+            y,
+            x + 0.1 * specimen.width if specimen.boundaries_stay else -0.38 * specimen.width,
+            literal(case.grains[grain].name),
             color=_BOUNDARY,
             ha="center",
             weight="bold",

@@ -10,12 +10,14 @@ from scipy.spatial import cKDTree
 from driver.case.file_names import TRACE
 from driver.case.model import Case
 from driver.case.solver_profiles import profile_of
+from driver.case.user_mesh import mesh_of_file
 from driver.common.errors import InputError, sentence
 from driver.dic.region import pixels_on, within
 from driver.dic.surface_images import SurfaceImages, prepare
 from driver.experiment.history import History, knot_weights
 from driver.experiment.images.flatfield import FlatField, flat_pattern
 from driver.experiment.images.reference import Reference, build_reference, stated_reference
+from driver.experiment.labels import columns_of_case
 from driver.experiment.orientations import orientations_of, rotation_scales
 from driver.experiment.reading import Experiment
 from driver.forward.boundary_motion import BoundaryMotion
@@ -28,11 +30,13 @@ from driver.parameters.registry import declared_parameters
 from driver.parameters.user_terms import BoundaryTerm, ReadingTerm, terms_of
 from meshes.arrays import FloatArray
 from meshes.cells import NAMES
+from meshes.columnar import generate_columns
 from meshes.plane_files import read_plane_mesh
 from meshes.plane_mesh import PlaneMesh
-from meshes.prism import PrismGeometry, generate, refuse_too_many
+from meshes.prism import MOST_CELLS, PrismGeometry, generate, refuse_too_many
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import trace
+from meshes.uniform_split import in_pieces
 from solver_adapters.external import ExternalAdapter
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import Adapter, Capabilities, Integration
@@ -49,7 +53,10 @@ _SAME = 0.02  # element sizes between two nodes that are as good as the same
 
 
 def geometry_of(case: Case) -> PrismGeometry:
-    """Return the prism and its grain boundaries."""
+    """Return the prism and its plane grain boundaries, of which a label image tells none.
+
+    Of a mesh of the user's own it is the bar about it.
+    """
     s = case.specimen
     return PrismGeometry(s.length, s.width, s.depth, s.planes, s.bottom)
 
@@ -60,7 +67,14 @@ def mesh_of(case: Case, size: float) -> PrismMesh:
     Raises:
         InputError: the case does not describe a prism that can be meshed.
     """
+    specimen = case.specimen
+    if specimen.mesh_file is not None:
+        whole = mesh_of_file(case.path(specimen.mesh_file))
+        return in_pieces(whole, specimen.divisions(size))
+    columns = columns_of_case(case)
     try:
+        if columns is not None:
+            return generate_columns(geometry_of(case), columns, size)
         return generate(geometry_of(case), size, case.specimen.cell_kind)
     except (ValueError, RuntimeError) as error:
         instead = ', or cells = "tet10"' if case.specimen.cell_kind == "hex20" else ""
@@ -78,6 +92,15 @@ def refuse_size(case: Case, key: str, size: float) -> None:
     Raises:
         InputError: the case does not describe a prism, or the cells would be too many.
     """
+    if case.specimen.mesh_file is not None:
+        path, pieces = case.path(case.specimen.mesh_file), case.specimen.divisions(size)
+        cells = len(mesh_of_file(path).cells) * pieces**3
+        if cells > MOST_CELLS:
+            found = f"cells that are {cells} with edges in {pieces} pieces"
+            raise InputError(
+                sentence(path, "specimen.mesh_file", found, f"at most {MOST_CELLS}, a coarser mesh")
+            )
+        return
     try:
         geometry = geometry_of(case)
     except ValueError as error:
@@ -90,14 +113,16 @@ def refuse_size(case: Case, key: str, size: float) -> None:
 
 def size_of_second_mesh(case: Case) -> float:
     """Size of the cells of the mesh that may contradict the finer one, of tetrahedra about [µm]."""
-    smaller = _TWO_THIRDS if case.specimen.cell_kind == "hex20" else _SMALLER[2]
-    return smaller * case.specimen.fine_mesh_size
+    specimen = case.specimen
+    smaller = _TWO_THIRDS if specimen.cell_kind == "hex20" or specimen.of_mesh else _SMALLER[2]
+    return smaller * specimen.fine_mesh_size
 
 
 def another_mesh_of(case: Case, size: float, points: FloatArray) -> PrismMesh:
     """Return a mesh of smaller elements that may contradict one of a size.
 
-    Hexahedra: cells of two thirds of the size, whose error is half as large. Tetrahedra: cells
+    Hexahedra, and a mesh of the user's own: cells of two thirds of the size, whose error is half as
+    large. Tetrahedra: cells
     somewhat smaller with few nodes in common; numbers of elements along an edge are whole, and
     meshes of nearly the same size may be the same, so that it is the largest of six with at most a
     fifth in common, or the smallest where none has.
@@ -110,7 +135,7 @@ def another_mesh_of(case: Case, size: float, points: FloatArray) -> PrismMesh:
     Raises:
         InputError: the prism cannot be meshed with such elements.
     """
-    if case.specimen.cell_kind == "hex20":
+    if case.specimen.cell_kind == "hex20" or case.specimen.of_mesh:
         return mesh_of(case, _TWO_THIRDS * size)
     nodes, mesh = cKDTree(points), mesh_of(case, _SMALLER[0] * size)
     for smaller in _SMALLER[1:]:
@@ -195,7 +220,8 @@ def refuse_parameters(case: Case, solver: Capabilities) -> None:
     known = [f'"{NAMES[nodes]}"' for nodes in sorted(solver.cells)]
     if f'"{case.specimen.cell_kind}"' not in known:
         cells = f"{' or '.join(known)}, which {name} has"
-        refused.append(sentence(case.file, "specimen.cells", f'"{case.specimen.cell_kind}"', cells))
+        key = "specimen.mesh_file" if case.specimen.of_mesh else "specimen.cells"
+        refused.append(sentence(case.file, key, f'"{case.specimen.cell_kind}"', cells))
     elif case.mean_dilatation and not solver.mean_dilatation:
         found = "true" if case.solver.mean_dilatation else "no value, which is true with hexahedra"
         lacking = f"false: {name} lacks it"
@@ -393,7 +419,7 @@ def build_finer_model(
     def on(some: PrismMesh) -> ForwardModel:
         return build_model(case, some, history, pixels, adapter, steps, workspace)
 
-    divisions = case.specimen.section.divisions_of(len(mesh.faces["S_MINUS"]))
+    divisions = case.specimen.divisions_of(len(mesh.faces["S_MINUS"]))
     size = size_between(case, divisions)
     return on(mesh) if size is None else extrapolated_with(on(mesh), on(mesh_of(case, size)))
 
@@ -405,10 +431,11 @@ def size_between(case: Case, divisions: int) -> float | None:
 
     Args:
         case: the case.
-        divisions: cells of the finer mesh along half of the longest side of the section.
+        divisions: cells of the finer mesh along half of the longest side of the section, or pieces
+            of each edge of a mesh of the user's own.
     """
     specimen = case.specimen
-    working = specimen.section.divisions(specimen.mesh_size)
+    working = specimen.divisions(specimen.mesh_size)
     return next_coarser(case, divisions) if _NEXT_COARSER * divisions >= working + 1 else None
 
 
@@ -419,12 +446,12 @@ def next_coarser(case: Case, divisions: int) -> float | None:
 
     Args:
         case: the case.
-        divisions: cells of the smaller ones along half of the longest side of the section.
+        divisions: of the smaller ones, as in `size_between`.
     """
     specimen, coarser = case.specimen, int(_NEXT_COARSER * divisions)
     if specimen.cell_kind != "hex20" or not coarser:
         return None
-    return specimen.section.longest_side / 2 / coarser
+    return specimen.size_of(coarser)
 
 
 def _boundary_motion(case: Case, mesh: PrismMesh, weights: FloatArray) -> BoundaryMotion:

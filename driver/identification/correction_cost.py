@@ -29,7 +29,7 @@ def correction_seconds(
         size: of the cells [µm].
         runs: directions of each.
     """
-    intervals, divisions = 2 * n_images, case.specimen.section.divisions(size)
+    intervals, divisions = 2 * n_images, case.specimen.divisions(size)
     steps = intervals * finer_steps(case, solver)
     seconds = sum(
         steps_seconds(case, solver, cells_of_size(case, n_cells, one), steps, n)
@@ -57,5 +57,6 @@ def cells_of_size(case: Case, n_cells: int, size: float) -> int:
         n_cells: cells of its working mesh.
         size: of the cells of the other mesh [µm].
     """
-    growth = 2 if case.specimen.cell_kind == "tet10" else 3
-    return round(n_cells * (case.specimen.mesh_size / size) ** growth)
+    specimen = case.specimen
+    growth = 2 if specimen.cell_kind == "tet10" and not specimen.of_mesh else 3
+    return round(n_cells * (specimen.mesh_size / size) ** growth)

@@ -38,6 +38,14 @@ def boundary_names(n_grains: int) -> tuple[tuple[str, str, str, str], ...]:
     )
 
 
+def moves_boundary(name: str) -> bool:
+    """Whether a name is that of a parameter, or of a cause, of the place of a grain boundary."""
+    return _OF_BOUNDARY.match(name) is not None
+
+
+_OF_BOUNDARY = re.compile(r"boundary\d*_(shift|tilt|bow|position)")
+
+
 def geometry_declarations(n_grains: int) -> tuple[Parameter, ...]:
     """Return what moves the nodes: each grain boundary, and the section."""
     of_boundaries: list[Parameter] = []

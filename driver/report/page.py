@@ -210,8 +210,9 @@ def facts(findings: Findings) -> list[tuple[str, str]]:
     fate = "is unlike its" if len(left) == 1 else "are unlike their"
     but = f"; {joined(left)} {fate} neighbours and not fitted but for the load" if left else ""
     return [
-        (case.specimen.shape, f"{s.length:g} × {s.width:g} × {s.depth:.3g} µm (Y, X, Z), "
-                  f"section {number(case.section)} µm²"),
+        ("specimen" if s.of_mesh else s.shape,
+         f"{s.length:g} × {s.width:g} × {s.depth:.3g} µm (Y, X, Z), "
+         f"section {number(case.section)} µm²"),
         ("grains (Bunge angles)", grains),
         ("mesh", f"{len(findings.mesh.cells)} quadratic "
                  f"{_CELLS[findings.mesh.cells.shape[1]]}, "
@@ -243,6 +244,9 @@ def _sizes(specimen: Specimen) -> str:
     """Return the sizes of both meshes, and how often chosen ones were refined."""
     sizes = f"sizes {specimen.mesh_size:g} and, of the finer mesh, {specimen.fine_mesh_size:g} µm"
     refined = specimen.refined
+    if specimen.of_mesh:
+        working, finer = map(specimen.divisions, (specimen.mesh_size, specimen.fine_mesh_size))
+        return f"{sizes}, edges of {specimen.mesh_file} in {working} and {finer} pieces"
     if refined is None:
         return f"{sizes}, as stated"
     times = "once" if refined == 1 else f"{refined} times"

@@ -111,6 +111,8 @@ PARAMETERS_CSV = "parameters.csv"
 # A virtual experiment.
 IMAGES_TIF, REPEATS_TIF, FLATS_TIF = "images.tif", "repeats.tif", "flats.tif"
 """The stacks of height maps."""
+LABELS_TIF = "labels.tif"
+"""The grain at each pixel, where the case has a label image."""
 HISTORY_CSV = "history.csv"
 """Times, stage travel, images and their loads."""
 TRUTH, TRUTH_H5 = "truth.json", "truth.h5"

@@ -107,6 +107,10 @@ def _with_specimen(case: Case, kind: CellKind, level: int) -> Case:
 
 def _kind(case: Case, solver: Capabilities | None) -> CellKind:
     """Kind of the cells: as stated, else hexahedra where solver and grain boundary allow them."""
+    if case.specimen.of_mesh:
+        return case.specimen.measures.kind
+    if case.specimen.labels is not None:
+        return "tet10"
     if case.specimen.cells is not None:
         return case.specimen.cells
     able = solver is not None and _HEXAHEDRON in solver.cells and solver.mean_dilatation

@@ -12,10 +12,18 @@ import tifffile
 from numpy.typing import NDArray
 
 from driver.experiment.history import COLUMNS, History
-from driver.results.files import FLATS_TIF, HISTORY_CSV, IMAGES_TIF, REPEATS_TIF, TRUTH, TRUTH_H5
+from driver.results.files import (
+    FLATS_TIF,
+    HISTORY_CSV,
+    IMAGES_TIF,
+    LABELS_TIF,
+    REPEATS_TIF,
+    TRUTH,
+    TRUTH_H5,
+)
 from driver.results.hdf5 import prismid_version, write_hdf5
 from driver.results.json_files import write_json
-from meshes.arrays import FloatArray
+from meshes.arrays import FloatArray, IntArray
 
 Levels = Sequence[NDArray[np.generic]]
 
@@ -73,6 +81,16 @@ def write_images(folder: Path, images: Levels, repeats: Levels, flats: Levels) -
     """
     for name, stack in ((IMAGES_TIF, images), (REPEATS_TIF, repeats), (FLATS_TIF, flats)):
         tifffile.imwrite(folder / name, np.stack(stack), photometric="minisblack")
+
+
+def write_labels(folder: Path, labels: IntArray) -> None:
+    """Write the number of the grain at each pixel, shape (R, C).
+
+    Args:
+        folder: where `labels.tif` goes.
+        labels: from 1.
+    """
+    tifffile.imwrite(folder / LABELS_TIF, labels.astype(np.uint16), photometric="minisblack")
 
 
 def write_history(folder: Path, history: History, force: FloatArray) -> None:

@@ -96,7 +96,7 @@ def true_case(case: Case, settings: Virtual) -> Case:
     """
     wanted, finest = settings.discretisation, case.specimen.fine_mesh_size
     most = case.solver.fine_steps_per_interval
-    size = wanted.mesh_size_um or min(_HALF * finest, case.specimen.width / _DIVISIONS)
+    size = wanted.mesh_size_um or _size_of_truth(case)
     steps = wanted.steps_per_interval or most + 1
     for key, found, expected in (
         ("mesh_size_um", size, f"less than {finest:g}" if size >= finest else ""),
@@ -110,7 +110,8 @@ def true_case(case: Case, settings: Virtual) -> Case:
     solver = capabilities_of(case)
     layered = solver.mean_dilatation and "hex20" in {NAMES[nodes] for nodes in solver.cells}
     follows = geometry_of(case).crossed_from_side_to_side
-    kind: CellKind = "hex20" if layered and follows else case.specimen.cell_kind
+    chosen = layered and follows and not case.specimen.boundaries_stay
+    kind: CellKind = "hex20" if chosen else case.specimen.cell_kind
     mesh = {"cells": kind, "mesh_size_um": size, "fine_mesh_size_um": _HALF * size}
     run = {
         "steps_per_interval": steps,
@@ -123,3 +124,11 @@ def true_case(case: Case, settings: Virtual) -> Case:
             "solver": case.solver.model_copy(update=run),
         }
     )
+
+
+def _size_of_truth(case: Case) -> float:
+    """Size of the cells of a truth, where none is stated [µm]."""
+    specimen = case.specimen
+    if specimen.of_mesh:  # one piece of each edge more
+        return specimen.size_of(specimen.divisions(specimen.fine_mesh_size) + 1)
+    return min(_HALF * specimen.fine_mesh_size, specimen.width / _DIVISIONS)

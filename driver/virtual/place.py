@@ -14,6 +14,7 @@ from driver.results.files import (
     FLATS_TIF,
     HISTORY_CSV,
     IMAGES_TIF,
+    LABELS_TIF,
     REPEATS_TIF,
     TRUTH,
     TRUTH_H5,
@@ -24,7 +25,7 @@ from driver.results.files import (
 _ASIDE = working_folder("virtual")
 # All but the case, which comes last: with it the experiment is whole.
 _MOVED_BEFORE = frozenset(
-    (IMAGES_TIF, REPEATS_TIF, FLATS_TIF, HISTORY_CSV, TRUTH, TRUTH_H5, SCHEMA_FILE)
+    (IMAGES_TIF, REPEATS_TIF, FLATS_TIF, LABELS_TIF, HISTORY_CSV, TRUTH, TRUTH_H5, SCHEMA_FILE)
 )
 
 

@@ -139,7 +139,7 @@ def pull(
 def coarser_size(truth: Case) -> float | None:
     """Size of the larger hexahedra with which a truth is extrapolated [µm], None for others."""
     specimen = truth.specimen
-    return next_coarser(truth, specimen.section.divisions(specimen.mesh_size))
+    return next_coarser(truth, specimen.divisions(specimen.mesh_size))
 
 
 def true_model(

@@ -11,8 +11,14 @@ from driver.case.history import HistoryTable
 from driver.case.model import CASE_FILE, SCHEMA_FILE, Case, schema_text, write_case
 from driver.common.errors import InputError
 from driver.parameters.registry import declared_parameters
-from driver.results.files import FLATS_TIF, HISTORY_CSV, IMAGES_TIF, REPEATS_TIF
-from driver.results.virtual_experiment import Truth, write_history, write_images, write_truth
+from driver.results.files import FLATS_TIF, HISTORY_CSV, IMAGES_TIF, LABELS_TIF, REPEATS_TIF
+from driver.results.virtual_experiment import (
+    Truth,
+    write_history,
+    write_images,
+    write_labels,
+    write_truth,
+)
 from driver.virtual.microscope.camera import Camera
 from driver.virtual.microscope.face_motion import Face, NodalMotion
 from driver.virtual.microscope.relief import Relief, Waves
@@ -22,6 +28,7 @@ from driver.virtual.settings import Face as FaceTable
 from driver.virtual.settings import Virtual
 from driver.virtual.truth import Course
 from meshes.arrays import FloatArray
+from meshes.surface_grains import grains_at
 
 _AROUND = 1.5  # µm beyond the face on which there are dots
 _PATTERN = (1.5, 6.0)  # wavelengths of the fixed pattern [µm]
@@ -41,7 +48,7 @@ def record(
 
     Args:
         folder: where to write; it exists.
-        case: what the user knows and believes; images and history are replaced.
+        case: what the user knows and believes; images, history and labels are replaced.
         course: what happened.
         seed: of relief, stage and noise.
         settings: of the microscope and the face, or None for the defaults.
@@ -74,6 +81,10 @@ def record(
         raise InputError(f"microscope.bits: {error}") from None
     write_images(folder, of_test, of_repeats, of_flats)
     noise = case.loads.gamma_F * correlated(on_load, n_images, case.loads.autocorrelation)
+    if case.specimen.labels is not None:
+        x, y = lens.camera.x, lens.camera.y
+        grain = grains_at(course.mesh, np.column_stack([x.ravel(), y.ravel()]))
+        write_labels(folder, 1 + grain.reshape(x.shape))
     write_history(folder, course.history, (course.load + noise) / case.force_scale)
     write_case(_stated(case, settings, lens), folder / CASE_FILE)
     (folder / SCHEMA_FILE).write_text(schema_text(), encoding="utf-8")
@@ -183,8 +194,14 @@ def _stated(case: Case, settings: Virtual, lens: _Lens) -> Case:
         }
     )  # fmt: skip
     history = HistoryTable(file=HISTORY_CSV, grip_distance_mm=case.history.grip_distance_mm)
-    loads = case.loads.model_copy(update={"left_out": ()})
-    return case.model_copy(update={"images": images, "history": history, "loads": loads})
+    tables = {
+        "images": images, "history": history,
+        "loads": case.loads.model_copy(update={"left_out": ()}),
+    }  # fmt: skip
+    if case.specimen.labels is not None:
+        own = {"labels": LABELS_TIF, "labels_pixel_nm": None}
+        tables["specimen"] = case.specimen.model_copy(update=own)
+    return case.model_copy(update=tables)
 
 
 def correlated(rng: np.random.Generator, number: int, correlation: float) -> FloatArray:

@@ -114,7 +114,13 @@ def run_diagnose(context: StageContext) -> None:
         baseline, objective, FineModels(problem.finer, lambda: on_another_mesh(case, problem)),
         cycles, settings, known,
     )  # fmt: skip
-    where = residual_localisation(diagnosis, geometry_of(case), problem.experiment.history)
+    parted = case.specimen.boundaries_stay and len(case.grains) > 1
+    where = residual_localisation(
+        diagnosis,
+        geometry_of(case),
+        problem.experiment.history,
+        problem.working.microstructure.mesh if parted else None,
+    )
     turned = turned_frame(
         diagnosis.extended,
         diagnosis.objective.parameters,

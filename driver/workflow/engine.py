@@ -118,17 +118,24 @@ class Stage:
     reads_on: bool = False
 
 
+def meshed_files(case: Case) -> tuple[Path, ...]:
+    """Return the mesh of the user's own, or the label image, where a case names one."""
+    names = case.specimen.mesh_file, case.specimen.labels
+    return tuple(Path(split_dataset(case.path(name))[0]) for name in names if name is not None)
+
+
 def measured_files(case: Case) -> tuple[Path, ...]:
-    """Return the images, the history and the meshes of correlation that a case names."""
-    images, dic = case.images, case.dic
+    """Return the images, the history and the meshes that a case names."""
+    images, dic, meshed = case.images, case.dic, meshed_files(case)
     if not case.with_images:
-        return (case.path(case.history.file),)
+        return (*meshed, case.path(case.history.file))
     names = (
         images.frames, images.flats, images.repeats, images.mask, images.noise_map,
         case.history.file,
         *(mesh for mesh in (dic.mesh, dic.height_mesh) if mesh != "trace"),
     )  # fmt: skip
-    return tuple(Path(split_dataset(case.path(name))[0]) for name in names if name is not None)
+    named = (Path(split_dataset(case.path(name))[0]) for name in names if name is not None)
+    return (*meshed, *named)
 
 
 def reported_files(case: Case) -> tuple[Path, ...]:

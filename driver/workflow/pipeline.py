@@ -41,6 +41,7 @@ from driver.workflow.engine import (
     finished,
     identified_files,
     measured_files,
+    meshed_files,
     reported_files,
     run_stages,
 )
@@ -69,15 +70,16 @@ def _unseen(case: Case) -> Sequence[str]:
 
 def stages(case: Case) -> Sequence[Stage]:
     """All stages of a case, in their order; without images nothing is measured or diagnosed."""
+    meshed = _MESH if case.specimen.labels is None else (*_MESH, "images")
     if not case.with_images:
-        inputs = (*_MESH, "history", "sections", "loads", *_IDENTIFY)
+        inputs = (*meshed, "history", "sections", "loads", *_IDENTIFY)
         return (
-            Stage("mesh", "3", _MESH, run_mesh),
+            Stage("mesh", "3", meshed, run_mesh, meshed_files),
             Stage("identify", "10", inputs, run_identify_loads, identified_files),
             Stage("report", "4", inputs, run_report_loads, reported_files),
         )
     return (
-        Stage("mesh", "3", _MESH, run_mesh),
+        Stage("mesh", "3", meshed, run_mesh, meshed_files),
         Stage(
             "measure",
             "11",

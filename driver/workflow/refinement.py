@@ -11,7 +11,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from driver.case.mesh_sizes import refined_sizes
 from driver.case.model import Case
 from driver.case.specimen import SIZES
 from driver.common import machine
@@ -66,11 +65,7 @@ def finer_simulation(case: Case, needed: Refinement, seconds: float) -> Finer:
     keys: dict[str, float] = {}
     finer = case
     if needed != "steps":
-        specimen = case.specimen
-        sizes = refined_sizes(
-            specimen.section, specimen.cell_kind,
-            (specimen.mesh_size, specimen.fine_mesh_size),
-        )  # fmt: skip
+        sizes = case.specimen.next_sizes
         keys |= {f"specimen.{key}": size for key, size in zip(SIZES, sizes, strict=True)}
         finer = case.with_values_at(keys)
     if needed != "mesh":
@@ -104,7 +99,7 @@ def told_beforehand(case: Case, cost: Cost) -> str:
     specimen = case.specimen
     sizes = (
         f"{specimen.cell_kind} of {specimen.mesh_size:g} and {specimen.fine_mesh_size:g} µm, "
-        "chosen by prismid"
+        + ("of mesh_file in pieces" if specimen.of_mesh else "chosen by prismid")
     )
     if not case.with_images:
         return sizes

@@ -21,6 +21,8 @@ from driver.experiment.history import History, phase_of_images
 from driver.identification.objective import Evaluation, Objective
 from meshes.arrays import BoolArray, FloatArray
 from meshes.prism import PrismGeometry
+from meshes.prism_mesh import PrismMesh
+from meshes.surface_grains import grains_at, segments_between_grains
 
 WHOLE, LOADS = "the whole test", "the loads"
 _BAND = 0.25  # of the width: what is near the grain boundary, an end or a long edge
@@ -63,12 +65,15 @@ class ResidualLocalisation:
     after: tuple[Excess, ...]
 
 
-def places_on(geometry: PrismGeometry, xy: FloatArray) -> dict[str, BoolArray]:
+def places_on(
+    geometry: PrismGeometry, xy: FloatArray, mesh: PrismMesh | None = None
+) -> dict[str, BoolArray]:
     """Which pixels lie in each place of the face; places overlap, and small ones are left out.
 
     Args:
         geometry: the prism.
         xy: X, Y of the pixels [µm], shape (n_pix, 2).
+        mesh: of several grains that no planes part, or None.
     """
     x, y = xy.T
     band, edge = _BAND * geometry.width, 0.5 * geometry.width
@@ -91,9 +96,23 @@ def places_on(geometry: PrismGeometry, xy: FloatArray) -> dict[str, BoolArray]:
     for number, across in enumerate(off, start=1):
         name = "the grain boundary" if len(off) == 1 else f"grain boundary {number}"
         places[name] = np.abs(across) <= band
+    if mesh is not None:
+        places = _of_mesh(mesh, xy, band)
     places["the end S−"], places["the end S+"] = y < band, y > geometry.length - band
     places["the long edges"] = np.abs(x) > edge - 0.5 * band
     return {name: there for name, there in places.items() if there.sum() >= _FEWEST_PIXELS}
+
+
+def _of_mesh(mesh: PrismMesh, xy: FloatArray, band: float) -> dict[str, BoolArray]:
+    """Grains off their boundaries, and a band along all of these."""
+    start, end = np.swapaxes(segments_between_grains(mesh), 0, 1)
+    along = end - start
+    share = np.sum((xy[:, None] - start) * along, axis=2) / np.sum(along**2, axis=1)
+    nearest = start + np.clip(share, 0.0, 1.0)[:, :, None] * along
+    off = np.linalg.norm(xy[:, None] - nearest, axis=2).min(axis=1)
+    grain = grains_at(mesh, xy)
+    places = {f"grain {k + 1}": (grain == k) & (off > band) for k in range(mesh.n_grains)}
+    return places | {"the grain boundaries": off <= band}
 
 
 def phases_of(history: History) -> dict[str, BoolArray]:
@@ -153,7 +172,7 @@ def excess(
 
 
 def residual_localisation(
-    found: Diagnosis, geometry: PrismGeometry, history: History
+    found: Diagnosis, geometry: PrismGeometry, history: History, mesh: PrismMesh | None = None
 ) -> ResidualLocalisation:
     """Where and when the identified and the extended model miss the data.
 
@@ -161,8 +180,9 @@ def residual_localisation(
         found: the diagnosis.
         geometry: the prism as drawn.
         history: the loading history.
+        mesh: of several grains that no planes part, or None.
     """
-    places = places_on(geometry, found.objective.data.image.images.xy)
+    places = places_on(geometry, found.objective.data.image.images.xy, mesh)
     phases = phases_of(history)
     first, last = found.rounds[0].widened ** 2, found.rounds[-1].widened ** 2
     objective = found.baseline_objective

@@ -17,7 +17,7 @@ from driver.diagnosis.causes.all_causes import cause_of, names
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.grain_causes import library
 from driver.parameters.boundary import LAMBDAS
-from driver.parameters.microstructure import grains_that_bear
+from driver.parameters.microstructure import grains_that_bear, moves_boundary
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.registry import declared_parameters
 
@@ -151,15 +151,23 @@ def asked_causes(case: Case, path: Path | None = None) -> tuple[Cause, ...]:
     """
     own = user_causes(case)
     known = [*names(len(case.grains)), *(cause.name for cause in own)]
+    if case.specimen.boundaries_stay:
+        known = [name for name in known if not moves_boundary(name)]
     asked = case.diagnosis.causes if case.diagnosis.causes != "all" else ()
     refused = [
-        sentence(path or case.file, "diagnosis.causes", f'"{name}"', one_of(name, known))
+        sentence(path or case.file, "diagnosis.causes", f'"{name}"', _expected(case, name, known))
         for name in asked
         if name not in known
     ]
     if refused:
         raise CaseError("\n".join(refused))
     return own
+
+
+def _expected(case: Case, name: str, known: Sequence[str]) -> str:
+    if case.specimen.boundaries_stay and moves_boundary(name):
+        return "no cause of a grain boundary: those of specimen.mesh_file and labels stay"
+    return one_of(name, known)
 
 
 def _of_files(paths: Sequence[Path]) -> Iterator[tuple[Path, Cause]]:

@@ -11,6 +11,7 @@ from driver.case.model import Case, load_case
 from driver.common.errors import InputError
 from driver.experiment.reading import Experiment, heights, origin, read_experiment
 from driver.forward import build
+from driver.forward.geometry import boundary_traces
 from driver.results.hdf5 import read_hdf5
 from driver.virtual.settings import Face, Microscope, Virtual
 from driver.virtual.truth import Course, pull, stage_program
@@ -67,6 +68,21 @@ def test_a_virtual_test_has_no_wrong_loads(tmp_path: Path, course: Course) -> No
     tmp_path.joinpath("a").mkdir()
     path = record(tmp_path / "a", stated, course, 1, Virtual(microscope=SMALL))
     assert load_case(path).loads.left_out == () and len(read_experiment(load_case(path)).force)
+
+
+def test_labels_are_written_anew_as_the_images_lie(tmp_path: Path, course: Course) -> None:
+    """The grains of the truth, on pixels that the case places half a pixel off at most."""
+    plane = {"labels": "elsewhere.png", "boundary_point_um": None, "boundary_normal": None}
+    specimen = CASE.specimen.model_copy(update=plane | {"labels_pixel_nm": 7.0})
+    stated = CASE.model_copy(update={"specimen": specimen})
+    case = load_case(record(tmp_path, stated, course, 1, Virtual(microscope=SMALL)))
+    assert case.specimen.labels_pixel_nm is None
+    (drawn,), found = boundary_traces(CASE), boundary_traces(case).reshape(-1, 2)
+    slope = np.diff(drawn[:, 1])[0] / np.diff(drawn[:, 0])[0]
+    expected = drawn[0, 1] + slope * (found[:, 0] - drawn[0, 0])
+    assert np.ptp(found[:, 0]) == pytest.approx(CASE.specimen.width)
+    np.testing.assert_allclose(found[:, 1], expected, atol=1.2 * case.images.pixel_um)
+    assert not (tmp_path / "elsewhere.png").exists()
 
 
 def test_an_experiment_of_the_files_of_an_instrument_has_levels_of_its_own(

@@ -5,45 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshes.prism import CellKind, PrismGeometry, generate
+from meshes.prism import CellKind, PrismGeometry
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.crystal import BCC, FCC, SystemTable, bunge_matrix
-from solver_adapters.interface import Simulation
+from solver_adapters.crystal import BCC, FCC, SystemTable
 from solver_adapters.material import Material
+from tests.solver_adapters.bundled.bars import ROTATION, STRAINS, TIMES, bar
 from tools.boxes import uniaxial
-
-ROTATION = bunge_matrix(281, 8, 47)
-TIMES = np.arange(5.0)
-STRAINS = np.array([0.0, 1e-3, 3e-3, 6e-3, 4e-3])
-
-
-def bar(geometry: PrismGeometry, kind: CellKind, material: Material) -> Simulation:
-    """Flat ends that move along Y; three components pin the rest of a rigid motion."""
-    mesh = generate(geometry, 2.0, kind)
-    low, high = mesh.nodes["S_MINUS"], mesh.nodes["S_PLUS"]
-    nodes = np.concatenate([low, high])
-    mask = np.zeros((len(nodes), 3), dtype=np.bool_)
-    mask[:, 1] = True
-    x, z = mesh.points[low][:, [0, 2]].T
-    bottom = z < z.min() + 1e-9
-    mask[np.flatnonzero(bottom & (x == x[bottom].min())), ::2] = True
-    # The second one stops the turn about Y.
-    mask[np.flatnonzero((z == z.max()) & (x == x.min())), 0] = True
-    motion = np.zeros((len(TIMES), len(nodes), 3))
-    motion[:, len(low) :, 1] = geometry.length * STRAINS[:, None]
-    return Simulation(
-        mesh=mesh,
-        material=material,
-        orientations=ROTATION[None],
-        times=TIMES,
-        motion_nodes=nodes,
-        motion_mask=mask,
-        motion=motion,
-        output=np.arange(len(TIMES)),
-        output_nodes=mesh.nodes["S_PLUS"],
-        tolerance=1e-9,
-        integration="backward_euler",
-    )
 
 
 @pytest.mark.parametrize("systems", [BCC, FCC], ids=["bcc", "fcc"])

@@ -17,7 +17,7 @@ from solver_adapters.crystal import FCC, bunge_matrix
 from solver_adapters.finite_differences import shifted
 from solver_adapters.interface import Direction, Simulation
 from solver_adapters.material import Material
-from tests.solver_adapters.bundled.test_bar import ROTATION, STRAINS, TIMES, bar
+from tests.solver_adapters.bundled.bars import ROTATION, STRAINS, TIMES, bar
 from tests.solver_adapters.calculix.runs import largest, needs_ccx, run
 from tools.boxes import pulled, uniaxial
 

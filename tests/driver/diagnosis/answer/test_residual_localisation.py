@@ -24,6 +24,7 @@ from driver.forward.build import geometry_of
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from meshes.grain_boundary import GrainBoundary
+from meshes.prism import generate
 from tools import closed_form
 from tools.closed_form_diagnosis import diagnosis_of, identified
 
@@ -73,6 +74,19 @@ def test_each_of_three_grains_and_of_their_boundaries_is_a_place() -> None:
     assert 1.9 < y[places["grain 2"]].min() and y[places["grain 2"]].max() < 2.2
     assert y[places["grain 3"]].min() > 3.2
     assert np.abs(y[places["grain boundary 2"]] - 2.7).max() <= 0.5
+
+
+def test_grains_that_no_planes_part_are_places_by_their_mesh() -> None:
+    planes = tuple(GrainBoundary((0.0, y, 0.0), (0.1, 1.0, 0.0)) for y in (1.4, 2.7))
+    parted = replace(GEOMETRY, boundaries=planes)
+    expected = places_on(parted, XY)
+    found = places_on(replace(GEOMETRY, boundaries=()), XY, generate(parted, 1.0))
+    either = expected["grain boundary 1"] | expected["grain boundary 2"]
+    assert "the face" not in found
+    for name, there in found.items():
+        # A line ends at the rim of the face, where a plane goes on.
+        same = either if name == "the grain boundaries" else expected[name]
+        assert (there != same).mean() < 0.01, name
 
 
 def test_the_phases_of_a_test_are_those_of_its_stage() -> None:
