@@ -179,8 +179,8 @@ def fit(
         if 0 <= gained < tolerance**2:
             # Derivatives by differences may promise a gain for ever that never comes. One of many
             # σ that does not come is a fit that is stuck.
-            reason = f"the last step lowered the cost by {gained:.1g} only"
-            return ended(decrement < SCORE, reason)
+            found = f"the last step lowered the cost by {gained:.1g} only"
+            return ended(decrement < SCORE, f"{found} (decrement {decrement:.2g} σ)")
 
 
 def fit_from(at: Evaluation, objective: Objective, most: int, tolerance: float = DECREMENT) -> Fit:
@@ -199,7 +199,8 @@ def fit_from(at: Evaluation, objective: Objective, most: int, tolerance: float =
 def to_its_end(fitted: Fit, objective: Objective, most: int) -> Fit:
     """Return a fit that ended where a step changes little of an excess, taken to its optimum.
 
-    What changes no answer of a diagnosis may still move a parameter by more than its σ.
+    What changes no answer of a diagnosis may still move a parameter by more than its σ. Where no
+    step leads further the fit has ended as it had before.
 
     Args:
         fitted: the fit; one that has not converged is returned as it is.
@@ -212,6 +213,8 @@ def to_its_end(fitted: Fit, objective: Objective, most: int) -> Fit:
     end = fit(objective, here.values, here.free, most, here, BESIDE_EXCESS, negligible=0.0)
     return replace(
         end,
+        converged=True,
+        reason=end.reason if end.converged else fitted.reason,
         history=(*fitted.history, *end.history[1:]),
         start_load=fitted.start_load,
         seconds=fitted.seconds + end.seconds,

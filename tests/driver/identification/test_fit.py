@@ -460,6 +460,7 @@ def test_what_an_excess_makes_negligible_is_fitted_where_the_parameter_is_told()
     assert end.away_from(early.best, objective.parameters) == pytest.approx(2.5)
     assert len(end.history) == 2 and end.history[0] == early.history[0]
     stuck = replace(early, converged=False)
+    assert to_its_end(early, objective, 0).reason == early.reason  # no step was left to take
     assert to_its_end(end, objective, 5) is end and to_its_end(stuck, objective, 5) is stuck
 
 
