@@ -12,6 +12,7 @@ import numpy as np
 from driver.common.formatting import duration
 
 _OVERRUN = 0.2  # of the time that a stage has taken, which it is given beyond what was foreseen
+_SHORT = 1e-3  # of a stage, which a simulation takes that tells nothing of the others
 _LEAST = 10.0  # s, less of which nobody waits for
 
 
@@ -52,13 +53,14 @@ class Remaining:
         self._stage = ""
 
     def simulated(self, seconds: float, foreseen: float) -> None:
-        """Take note of a simulation.
+        """Take note of a simulation, if it is none of a few steps.
 
         Args:
             seconds: what it has taken [s].
             foreseen: what was foreseen [s].
         """
-        self._simulations.append((seconds, foreseen))
+        if foreseen > _SHORT * self.foreseen.get(self._stage, 0.0):
+            self._simulations.append((seconds, foreseen))
 
     @property
     def factor(self) -> float:

@@ -133,9 +133,10 @@ def _of_another_maker(case: Case, found: Sequence[GrainOrientation]) -> Iterator
         yield Finding(
             "warning",
             _SUBJECT,
-            f'{file}: orientation.ebsd_frame: found "{stated}" for a map that by its header was '
-            f"written by the software of another maker, expected {expected}; the grains are turned "
-            "by a quarter about the normal if that is wrong (docs/ebsd.md)",
+            f'{file}: orientation.ebsd_frame: found "{stated}" for a map with the header of '
+            f"another maker's software, expected {expected}, unless a third program has written "
+            "it; the grains are turned by a quarter about the normal if that is wrong "
+            "(docs/ebsd.md)",
         )
 
 

@@ -234,7 +234,10 @@ def _why_enough(decrement: float, tolerance: float, begun: float, excess: float)
     if decrement < tolerance:
         return found
     if decrement**2 < begun:
-        return f"{found}, so that a step would gain {decrement**2:.2g}, too little for a first fit"
+        return (
+            f"{found}, so that a step would gain {decrement**2:.2g}, little beside the misfit of a "
+            "fit that only starts the next one"
+        )
     return (
         f"{found}, so that a step would gain {decrement**2:.2g}, less than {NEGLIGIBLE**2:.0%} of "
         f"the misfit beyond noise, {excess:.3g}, which no parameter takes away"

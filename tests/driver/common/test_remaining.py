@@ -27,7 +27,8 @@ def test_simulations_that_take_longer_renew_what_all_of_them_take() -> None:
     left = run()
     left.foreseen.pop("measure")
     left.begin("identify", 0.0)
-    # The first one has compiled.
+    # A single step tells of its start, and the first whole one has compiled.
+    left.simulated(1.0, 0.01)
     for seconds in (50.0, 6.0, 6.0):
         left.simulated(seconds, 2.0)
     assert left.factor == 3.0 and left.seconds(62.0) == 300.0 - 62.0 + 900.0

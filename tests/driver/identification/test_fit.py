@@ -370,7 +370,7 @@ def test_a_fit_that_ends_far_from_zero_says_why_that_is_enough() -> None:
         f"beyond noise, {excess:.3g}, which no parameter takes away"
     )
     objective, start = displaced(noise=1.0, by=3.0)
-    assert "too little for a first fit" in fit(objective, start, "a", 5, share=0.5).reason
+    assert "that only starts the next one" in fit(objective, start, "a", 5, share=0.5).reason
     assert fit(objective, start, "a", 5).reason.endswith(" σ")
 
 
