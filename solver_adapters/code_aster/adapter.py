@@ -9,6 +9,7 @@ from pathlib import Path
 
 from solver_adapters.code_aster import limits, listing, result
 from solver_adapters.code_aster.deck import CELLS, EXPORT, NODES, render_files
+from solver_adapters.code_aster.law import is_fcc
 from solver_adapters.external import ExternalAdapter, Status
 from solver_adapters.interface import Capabilities, Response, Simulation
 from solver_adapters.jobs.folder import end_of_output
@@ -40,8 +41,10 @@ class CodeAsterAdapter(ExternalAdapter):
 
     def write(self, simulation: Simulation) -> Mapping[str, bytes]:
         """Command file, export file, mesh and prescribed motion."""
-        measure = simulation.material.strain_measure
-        cautions = (text for word, text in limits.CAPABILITIES.cautions.items() if word == measure)
+        material = simulation.material
+        known = limits.CAPABILITIES.cautions.items()
+        cautions = [text for word, text in known if word == material.strain_measure]
+        cautions += [limits.FCC_CAUTION] if is_fcc(material) else []
         return render_files(simulation, self.profile, cautions)
 
     def command(self, program: tuple[str, ...]) -> tuple[str, ...]:

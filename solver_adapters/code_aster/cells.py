@@ -2,7 +2,7 @@
 
 VARI_ELGA of MONOCRISTAL: V1–6 plastic strain (XX, YY, ZZ, XY, XZ, YZ, shears times √2), then α, γ
 and p of each system in turn; in finite strain also V112–120 = Fe − I, column by column, in the
-specimen frame.
+specimen frame, of 24 systems.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from meshes.arrays import FloatArray, IntArray
 from meshes.tet10 import centre_gradients
 from solver_adapters.code_aster.law import system_order
 from solver_adapters.code_aster.rmed import Field, ResultFile
-from solver_adapters.crystal import BCC, schmid_tensors
+from solver_adapters.crystal import N_SYSTEMS, schmid_tensors
 from solver_adapters.interface import CellFields, Simulation
 
 _STRESS = ("SIXX", "SIYY", "SIZZ", "SIYZ", "SIXZ", "SIXY")
@@ -39,7 +39,7 @@ def mean_fields(simulation: Simulation, motion: FloatArray, path: Path) -> CellF
     instants = simulation.times[simulation.output]
     state = file.at_gauss_points("VARI_ELGA", instants)
     places, senses = system_order(simulation.material)
-    slip = cell_means(state, *_variables(places, 2)) * senses
+    slip = _of_all(cell_means(state, *_variables(places, 2)) * senses)
     if simulation.material.strain_measure == "finite":
         rotation = _finite_rotation(state)
     else:
@@ -47,7 +47,7 @@ def mean_fields(simulation: Simulation, motion: FloatArray, path: Path) -> CellF
     return CellFields(
         stress=cell_means(file.at_gauss_points("SIEF_ELGA", instants), *_STRESS),
         slip=slip,
-        accumulated_slip=cell_means(state, *_variables(places, 3)),
+        accumulated_slip=_of_all(cell_means(state, *_variables(places, 3))),
         rotation=rotation,
     )
 
@@ -74,7 +74,7 @@ def small_rotation(simulation: Simulation, motion: FloatArray, slip: FloatArray)
         "tcai,caj->tcij", motion[:, mesh.cells], centre_gradients(mesh.points, mesh.cells)
     )
     R = simulation.orientations
-    schmid = np.einsum("gij,sjk,glk->gsil", R, schmid_tensors(BCC), R)
+    schmid = np.einsum("gij,sjk,glk->gsil", R, schmid_tensors(simulation.material.slip_systems), R)
     elastic = gradient - np.einsum("tcs,csij->tcij", slip, schmid[mesh.grain])
     after, before = [2, 0, 1], [1, 2, 0]
     return np.asarray(0.5 * (elastic[..., after, before] - elastic[..., before, after]))
@@ -91,5 +91,11 @@ def _finite_rotation(state: Field) -> FloatArray:
 
 
 def _variables(places: IntArray, which: int) -> list[str]:
-    """Names of α (1), γ (2) or p (3) of the systems in the order of `crystal.BCC`."""
+    """Names of α (1), γ (2) or p (3) of the systems in the order of `crystal`."""
     return [f"V{6 + 3 * place + which}" for place in places]
+
+
+def _of_all(values: FloatArray) -> FloatArray:
+    """Return values of the systems (…, n) with zeros for those behind them, shape (…, 24)."""
+    beyond = N_SYSTEMS - values.shape[-1]
+    return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, beyond)])

@@ -15,7 +15,7 @@ import numpy as np
 from meshes.arrays import FloatArray, IntArray
 from meshes.files import write_med
 from meshes.prism_mesh import PrismMesh
-from solver_adapters.code_aster.law import hardening, has_two_families
+from solver_adapters.code_aster.law import hardening, has_two_families, is_fcc
 from solver_adapters.constants import grain_ratios
 from solver_adapters.crystal import bunge_angles
 from solver_adapters.external import Profile
@@ -77,6 +77,8 @@ def _commands(
         "cautions": [textwrap.fill(text, 96, subsequent_indent="# ") for text in cautions],
         "material": material,
         "two_families": has_two_families(material),
+        "family": "OCTAEDRIQUE" if is_fcc(material) else "BCC24",
+        "planes": "{111}" if is_fcc(material) else "{110}",
         "Q": said.Q,
         "classes": said.classes,
         "interaction": None if said.matrix is None else [_row(row) for row in said.matrix.tolist()],

@@ -8,7 +8,10 @@ Read in its public sources (`lcmmsg`, `lcmmfi`, `lcmaei`, `rccoma` of 2017, `op5
   the opposite sense of slip.
 - With two families each hardens by its own systems alone, and both read the first 12 rows and
   columns of MATR_INTER. Only a matrix without latent hardening means the same there.
-- MATR_INTER has to be symmetric, and is obligatory with two families.
+- OCTAEDRIQUE is the family of FCC, its twelve systems in the order and with the signs of
+  `crystal.FCC`.
+- MATR_INTER has to be symmetric, is as large as its family has systems, and is obligatory with two
+  families.
 - The materials of a grain may hold one elasticity between them.
 """
 
@@ -21,7 +24,7 @@ import numpy as np
 
 from meshes.arrays import FloatArray, IntArray
 from solver_adapters.constants import isotropic_hardening
-from solver_adapters.crystal import BCC, N_110, N_SYSTEMS, slip_systems
+from solver_adapters.crystal import BCC, FCC, N_110, slip_systems
 from solver_adapters.interaction import bcc24_classes, self_and_latent
 from solver_adapters.material import Material
 
@@ -49,7 +52,7 @@ class Hardening:
     Attributes:
         Q: saturated isotropic hardening [MPa].
         classes: H, or H1 to H4, of MONO_ISOT1.
-        matrix: MATR_INTER, shape (24, 24), or None where the classes say it all.
+        matrix: MATR_INTER, shape (24, 24), of FCC (12, 12), or None where the classes say it all.
     """
 
     Q: float
@@ -62,13 +65,19 @@ def has_two_families(material: Material) -> bool:
     return material.tau0_112 != 1.0
 
 
+def is_fcc(material: Material) -> bool:
+    """Whether the systems are those of FCC, and not of BCC."""
+    return material.slip_systems == FCC
+
+
 def system_order(material: Material) -> tuple[IntArray, FloatArray]:
-    """Where Code_Aster keeps each system of `crystal.BCC`, and its sense there.
+    """Where Code_Aster keeps each system of `crystal.BCC` or `crystal.FCC`, and its sense there.
 
     Returns:
-        place of each system among Code_Aster's 24, shape (24,), and +1 or −1, shape (24,).
+        place of each system among Code_Aster's n, 24 or 12, shape (n,), and +1 or −1, shape (n,).
     """
-    places, senses = np.arange(N_SYSTEMS), np.ones(N_SYSTEMS)
+    n_systems = len(material.slip_systems)
+    places, senses = np.arange(n_systems), np.ones(n_systems)
     if has_two_families(material):
         table = np.array(_CUBIQUE1, dtype=np.float64)
         table /= np.linalg.norm(table, axis=2, keepdims=True)
@@ -86,6 +95,11 @@ def hardening(material: Material) -> Hardening:
         # MATR_INTER is obligatory with two families.
         return Hardening(Q, {"H": 0.0}, matrix)
     latent = float(matrix[0, 1])
+    if is_fcc(material):
+        block = matrix[: len(FCC), : len(FCC)]
+        if np.array_equal(block, self_and_latent(1.0, latent)[: len(FCC), : len(FCC)]):
+            return Hardening(Q, {"H": latent}, None)
+        return Hardening(Q, {"H": 0.0}, block)
     if np.array_equal(matrix, self_and_latent(1.0, latent)):
         return Hardening(Q, {"H": latent}, None)
     classes = [float(matrix[pair]) for pair in ((0, 4), (0, 0), (12, 15), (12, 12))]

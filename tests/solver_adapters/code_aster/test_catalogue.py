@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
-from solver_adapters.crystal import bunge_matrix
+from solver_adapters.crystal import FCC, bunge_matrix
 from solver_adapters.interaction import bcc24_classes
 from solver_adapters.interface import Simulation
 from solver_adapters.material import Material
@@ -80,6 +80,14 @@ def free_components() -> Simulation:
     return replace(case, motion_mask=mask)
 
 
+def unlike() -> tuple[tuple[float, ...], ...]:
+    """Systems of one plane harden each other less."""
+    plane = np.arange(12) // 3
+    matrix = np.where(plane[:, None] == plane, 0.5, 1.5)
+    np.fill_diagonal(matrix, 1.0)
+    return tuple(map(tuple, matrix.tolist()))
+
+
 CASES: dict[str, Callable[[], Simulation]] = {
     "null": small_case,
     "isotropic": lambda: small_case(Q=3.0, b=30.0, tau0_grain2=1.5),
@@ -91,6 +99,8 @@ CASES: dict[str, Callable[[], Simulation]] = {
     ),
     "two families": lambda: small_case(tau0_112=1.25),
     "two families that harden": lambda: small_case(tau0_112=1.25, Q=3.0),
+    "fcc": lambda: small_case(slip_systems=FCC, Q=3.0, h_latent=0.4),
+    "fcc with a table": lambda: small_case(slip_systems=FCC, Q=3.0, interaction=unlike()),
     "finite strain": finite_strain,
     "cell fields": lambda: replace(small_case(), cell_fields=True),
     "steps of an interval": lambda: replace(small_case(), steps_per_interval=7),

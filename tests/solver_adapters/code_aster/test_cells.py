@@ -12,7 +12,7 @@ import pytest
 from meshes.arrays import FloatArray
 from meshes.files import write_med
 from solver_adapters.code_aster.cells import mean_fields
-from solver_adapters.crystal import BCC, rotation_vector_matrix, schmid_tensors
+from solver_adapters.crystal import BCC, FCC, rotation_vector_matrix, schmid_tensors
 from solver_adapters.interface import Simulation
 from tools.code_aster_cases import small_case
 
@@ -83,6 +83,23 @@ def test_in_small_strain_the_lattice_turns_by_what_slip_leaves_of_the_spin(tmp_p
     path = written(case, tmp_path / "cells.rmed", np.zeros((n, 5, 6)), state)
     fields = mean_fields(case, (case.mesh.points @ gradient.T)[None], path)
     np.testing.assert_allclose(fields.rotation[0], np.tile(w, (n, 1)), atol=1e-14)
+
+
+def test_slips_of_fcc_are_those_of_twelve_systems_and_turn_its_lattice(tmp_path: Path) -> None:
+    case = one_instant(small_case(slip_systems=FCC))
+    n, amount, system = len(case.mesh.cells), 5e-3, 7
+    R = case.orientations[0]
+    case = replace(case, orientations=np.stack([R, R]))
+    gradient = amount * R @ schmid_tensors(FCC)[system] @ R.T
+    state = np.zeros((n, 5, 57))
+    state[..., 6 + 3 * system + 1], state[..., 6 + 3 * system + 2] = amount, 2 * amount
+    path = written(case, tmp_path / "cells.rmed", np.zeros((n, 5, 6)), state)
+    fields = mean_fields(case, (case.mesh.points @ gradient.T)[None], path)
+    slip = np.zeros(24)
+    slip[system] = amount
+    np.testing.assert_allclose(fields.slip[0], np.tile(slip, (n, 1)), atol=1e-15)
+    np.testing.assert_allclose(fields.accumulated_slip[0], np.tile(2 * slip, (n, 1)), atol=1e-15)
+    np.testing.assert_allclose(fields.rotation[0], 0.0, atol=1e-14)
 
 
 def test_in_finite_strain_the_lattice_turns_by_the_rotation_in_Fe(tmp_path: Path) -> None:

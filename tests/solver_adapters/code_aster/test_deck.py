@@ -18,6 +18,7 @@ from meshes.tet10 import MIRRORED
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
 from solver_adapters.code_aster.deck import render_files
 from solver_adapters.code_aster.limits import FINITE_CAUTION
+from solver_adapters.crystal import FCC
 from solver_adapters.external import Profile
 from solver_adapters.interface import Simulation
 from tools.code_aster_cases import small_case
@@ -82,6 +83,25 @@ def test_every_number_of_the_case_lands_exactly_once() -> None:
 def test_the_ratio_of_the_families_lands_once_for_all_grains() -> None:
     comm = texts(small_case(tau0_112=1.171875))["job.comm"]
     assert comm.count("1.171875") == 1
+
+
+def test_fcc_is_the_octahedral_family_with_a_table_of_its_twelve_systems(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    matrix = np.full((12, 12), 0.5) + 0.5 * np.eye(12)
+    matrix[0, 5] = matrix[5, 0] = 2.0
+    rows = tuple(map(tuple, matrix.tolist()))
+    case = small_case(slip_systems=FCC, Q=3.0, interaction=rows)
+    commands = executed(case, tmp_path, monkeypatch)
+    laws = [law["MONOCRISTAL"] for law in commands.keywords("DEFI_COMPOR")]
+    assert [law["FAMI_SYST_GLIS"] for law in laws] == ["OCTAEDRIQUE"] * 2
+    (table,) = commands.keywords("CREA_TABLE")
+    assert [row["PARA"] for row in table["LISTE"]] == [f"H{n + 1}" for n in range(12)]
+    np.testing.assert_array_equal([row["LISTE_R"] for row in table["LISTE"]], matrix)
+    comm = texts(case)["job.comm"]
+    assert "BCC24" not in comm
+    assert "CAUTION: No run of Code_Aster has judged this deck" in comm
+    assert "CAUTION" not in texts(small_case())["job.comm"]
 
 
 def test_recorded_steps_and_wanted_instants_are_said(

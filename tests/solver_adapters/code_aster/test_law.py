@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from solver_adapters.code_aster.law import (
     has_two_families,
     system_order,
 )
+from solver_adapters.crystal import FCC
 from solver_adapters.interaction import bcc24_classes, self_and_latent
 from solver_adapters.material import Material
 
@@ -86,3 +88,32 @@ def test_each_system_of_110_has_one_place_in_cubique1() -> None:
     # The first of BCC24, (011)[11-1], is the last of CUBIQUE1; the second, (101)[11-1], is the
     # one before it as (-10-1)[11-1].
     assert (places[0], senses[0], places[1], senses[1]) == (11, 1.0, 10, -1.0)
+
+
+def test_octahedral_systems_are_those_of_lcmmsg() -> None:
+    """Its normals, and its slip directions, which it lists in three numbers each."""
+    normals = ["111", "111", "111", "1-11", "1-11", "1-11", "-111", "-111", "-111",
+               "-1-11", "-1-11", "-1-11"]  # fmt: skip
+    directions = ["-101", "0-11", "-110", "-101", "011", "110", "0-11", "110", "101",
+                  "-110", "101", "011"]  # fmt: skip
+    table = tuple(zip(map(indices, normals), map(indices, directions), strict=True))
+    assert table == FCC
+    places, senses = system_order(Material(slip_systems=FCC))
+    np.testing.assert_array_equal(places, np.arange(12))
+    np.testing.assert_array_equal(senses, 1.0)
+
+
+def indices(text: str) -> tuple[int, ...]:
+    """Return the numbers of a plane or direction, such as 1-11."""
+    return tuple(int(sign + digit) for sign, digit in re.findall(r"(-?)(\d)", text))
+
+
+def test_hardening_of_fcc_is_H_or_a_table_of_twelve() -> None:
+    copper = replace(HARD, slip_systems=FCC)
+    said = hardening(replace(copper, h_latent=1.4))
+    assert (said.classes, said.matrix) == ({"H": 1.4}, None)
+    matrix = self_and_latent(1.0, 0.2)[:12, :12]
+    matrix[3, 7] = matrix[7, 3] = 0.9
+    said = hardening(replace(copper, interaction=rows(matrix)))
+    assert said.matrix is not None
+    np.testing.assert_array_equal(said.matrix, matrix)
