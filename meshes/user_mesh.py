@@ -6,7 +6,6 @@ every edge, as linear ones get it. So a mesh of either order is one of quadratic
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from scipy.spatial import cKDTree
 from meshes.arrays import FloatArray, IntArray
 from meshes.cells import FACES, jacobians
 from meshes.grouped_files import GRAIN, GroupedMesh, read_grouped
+from meshes.measures import Measures
 from meshes.prism import MOST_CELLS, CellKind
 from meshes.prism_mesh import FACE_GROUPS, PrismMesh
 from meshes.uniform_split import straight_mesh
@@ -31,30 +31,6 @@ _FLAT = 1e-4  # Jacobian of a flat cell over the product of its longest edges
 _CURVED = 0.25  # of an edge, from its middle to its node
 _PROBE = 1e-3  # of a face, from it to a place outside its cell
 _END_SIDES = {"S_MINUS": "smallest", "S_PLUS": "largest"}
-
-
-@dataclass(frozen=True)
-class Measures:
-    """What a case takes from its mesh.
-
-    Attributes:
-        length, width, depth: along Y, of the measured face along X, and below it [µm].
-        area: volume over length [µm²].
-        size: mean edge of the tetrahedra, or root of the mean area of the hexahedra on S_MINUS
-            [µm].
-        kind: of the cells.
-        n_grains: number of grains.
-        end_faces: faces of S_MINUS.
-    """
-
-    length: float
-    width: float
-    depth: float
-    area: float
-    size: float
-    kind: CellKind
-    n_grains: int
-    end_faces: int
 
 
 def read_user_mesh(path: Path) -> PrismMesh:

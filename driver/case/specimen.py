@@ -19,9 +19,9 @@ from driver.case.mesh_sizes import (
 from driver.case.messages import refusal
 from driver.case.values import FileName, Positive, Table, Vector
 from meshes.grain_boundary import GrainBoundary, fault_of, is_direction
+from meshes.measures import Measures
 from meshes.prism import CellKind
 from meshes.section import Section
-from meshes.user_mesh import Measures
 
 AUTO: Literal["auto"] = "auto"
 """What stands in place of sizes that are chosen, and refined, without the user."""

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from driver.common.errors import InputError, sentence
+from meshes.measures import Measures
 from meshes.prism_mesh import PrismMesh
-from meshes.user_mesh import Measures, measures_of, read_user_mesh
 
 if TYPE_CHECKING:
     from driver.case.specimen import Specimen
@@ -37,6 +37,9 @@ def mesh_of_file(path: Path) -> PrismMesh:
 
 @lru_cache(maxsize=2)
 def _read(path: Path, changed: int, size: int) -> PrismMesh:
+    # What reads meshes is imported where there is one: it takes longer than a call of prismid.
+    from meshes.user_mesh import read_user_mesh
+
     return read_user_mesh(path)
 
 
@@ -51,6 +54,8 @@ def measures_of_file(path: Path, specimen: Specimen, n_grains: int) -> Measures:
     Raises:
         InputError: there is no mesh of a specimen, or it is one of another.
     """
+    from meshes.user_mesh import measures_of
+
     found = measures_of(mesh_of_file(path))
     lengths = {"length": specimen.length_um, "width": specimen.width_um, "depth": specimen.depth_um}
     axes = {"length": "along Y", "width": "along X on TOP", "depth": "along Z"}
