@@ -12,15 +12,17 @@ from driver.dic.surface_images import SurfaceImages
 from driver.dic.system import End, System
 from meshes.arrays import BoolArray, FloatArray
 
+_NOISY = 1.5  # residual of a frame that was followed over its noise: a stiff motion leaves some
 _TURN = np.pi / 4  # of a specimen between its grips, at most
 
 
 def first_pass(images: SurfaceImages, system: System) -> FloatArray:
     """Each frame from where one before it ended that was followed.
 
-    A frame that this leaves unlike the reference is sought by itself: by smaller copies, shifts to
-    anywhere in the frame and turns (`Starter.follow`). One that seems to have turned further
-    than a specimen does was saved otherwise than the others, and is not followed.
+    A frame that this leaves unlike the reference, beyond what noise makes, is sought by itself:
+    by smaller copies, shifts to anywhere in the frame and turns (`Starter.follow`). One that seems
+    to have turned further than a specimen does was saved otherwise than the others, and is not
+    followed.
 
     Args:
         images: the series.
@@ -32,16 +34,18 @@ def first_pass(images: SurfaceImages, system: System) -> FloatArray:
     box = images.box()
     starts = np.zeros((images.n_frames, system.size))
     trail = Trail(system, binned(images.reference_image[box], 2), 2 * images.pixel)
-    relief = float(np.std(system.pixels.height))
+    # Where noise rivals the relief it leaves as much of it wherever a frame is sought.
+    noise = images.sigma * np.sqrt(1 + 1 / images.n_reference)
+    most = max(LEFT * float(np.std(system.pixels.height)), _NOISY * float(noise))
     alone: Starter | None = None
     for t in range(images.n_frames):
         spline = images.frames.coefficients[t]
         small = binned(images.sampled(spline, box), 2)
         end = system.iterate(spline, trail.start(small, spline), COARSE)
-        if end.reason != "converged" or _left(end) > LEFT * relief:
+        if end.reason != "converged" or _left(end) > most:
             alone = alone or Starter.build(images.reference_image, _region(images))
             again = system.iterate(spline, _sought(images, system, alone, spline), COARSE)
-            found = _left(again) <= min(_left(end), LEFT * relief)
+            found = _left(again) <= min(_left(end), most)
             end = again if found and abs(system.turn_of(again.p)) < _TURN else end
         starts[t] = end.p
         # A frame that was not followed would lead astray all that come after it.

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import driver.dic.first_pass as of_frames
 from driver.dic.series import measure
 from tests.driver.dic.conftest import PIXEL, Scene, constant
 
@@ -47,3 +48,22 @@ def test_a_bad_frame_leaves_the_others_as_exact_as_they_were(scene: Scene) -> No
     variance = spoilt.covariance_one.diagonal()[:n] / good.covariance_one.diagonal()[:n]
     # A frame that had a say in the roughness made it 14.
     assert np.median(variance) == pytest.approx(1.0, abs=0.2)
+
+
+def test_frames_whose_noise_rivals_the_relief_are_not_sought_one_by_one(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A search by turns and shifts takes ten times as long, and nothing else leaves less."""
+    shifts = [(constant(k * 0.2 * PIXEL), STILL, STILL) for k in range(4)]
+    relief = float(np.std(scene(shifts, noise=0.003).reference))
+    images = scene(shifts, noise=0.6 * relief)
+    sought: list[int] = []
+    whole = of_frames._sought
+    monkeypatch.setattr(of_frames, "_sought", lambda *a: sought.append(1) or whole(*a))
+    measured = measure(images)
+    assert not sought and measured.converged.all()
+    # One that shows another surface still is.
+    frames = np.array(images.frames.coefficients)
+    frames[2] = 3 * frames[2, ::-1, ::-1]
+    measure(replace(images, frames=replace(images.frames, coefficients=frames)))
+    assert len(sought) == 1
