@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import driver.dic.first_pass as of_frames
 from driver.dic.series import measure
+from meshes.arrays import FloatArray
 from tests.driver.dic.conftest import PIXEL, Scene, constant
 
 STILL = constant(0.0)
@@ -57,9 +59,14 @@ def test_frames_whose_noise_rivals_the_relief_are_not_sought_one_by_one(
     shifts = [(constant(k * 0.2 * PIXEL), STILL, STILL) for k in range(4)]
     relief = float(np.std(scene(shifts, noise=0.003).reference))
     images = scene(shifts, noise=0.6 * relief)
-    sought: list[int] = []
+    sought: list[FloatArray] = []
     whole = of_frames._sought
-    monkeypatch.setattr(of_frames, "_sought", lambda *a: sought.append(1) or whole(*a))
+
+    def seen(*series: Any) -> FloatArray:
+        sought.append(whole(*series))
+        return sought[-1]
+
+    monkeypatch.setattr(of_frames, "_sought", seen)
     measured = measure(images)
     assert not sought and measured.converged.all()
     # One that shows another surface still is.
