@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sized
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -161,9 +161,9 @@ def _parted(
     )
 
 
-def _uncounted(cells: object) -> IntArray:
+def _uncounted(cells: Sized) -> IntArray:
     """Return as many cells without a node."""
-    return np.zeros((len(cells), 0), dtype=np.int64)  # type: ignore[arg-type]
+    return np.zeros((len(cells), 0), dtype=np.int64)
 
 
 def _read_med(path: Path) -> GroupedMesh | None:
