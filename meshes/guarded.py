@@ -70,19 +70,19 @@ class _Trials:
             env=os.environ | {"PYTHONPATH": path},
         )  # fmt: skip
         if _line(process, _START) == _GONE:
-            _end(process)
+            end_process(process)
             raise OSError(f"no process that reads files first could be started: {sys.executable}")
         return process
 
     def end(self) -> None:
         """End the process."""
         if self.process is not None and self.owner == os.getpid():
-            _end(self.process)
+            end_process(self.process)
             self.process = None
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a process."""
+def end_process(process: subprocess.Popen[bytes]) -> None:
+    """End a process that answers requests."""
     process.kill()
     process.wait()
     for stream in (process.stdin, process.stdout):

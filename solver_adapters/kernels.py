@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache, wraps
 from pathlib import Path
 from typing import Any
 
 import numba
 from numba.core.event import Event, Listener, register
 
+from solver_adapters.compiling_process import found_elsewhere, made_by
 from solver_adapters.user_folders import cache_folder
 
 # GNU's OpenMP threads spin while they wait: on a machine with other work that makes every parallel
@@ -53,6 +56,7 @@ KERNEL_SOURCES = (
         f"solver_adapters/{name}.py"
         for name in (
             "kernels",
+            "compiling_process",
             "user_folders",
             "constants",
             "crystal",
@@ -110,6 +114,15 @@ class _Compilations(Listener):
         """Count one that ends."""
         self.at_work -= 1
 
+    @contextmanager
+    def one_more(self) -> Iterator[None]:
+        """Count one that another process makes for this one."""
+        self.at_work += 1
+        try:
+            yield
+        finally:
+            self.at_work -= 1
+
 
 _compilations = _Compilations()
 _register: Any = register
@@ -117,7 +130,7 @@ _register("numba:compile", _compilations)
 
 
 def compiling() -> bool:
-    """Whether this process compiles a kernel just now."""
+    """Whether this process compiles a kernel just now, or has one compiled."""
     return _compilations.at_work > 0
 
 
@@ -128,7 +141,9 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
         options: of `numba.njit`.
     """
     decorator: Callable[[Any], Any] = numba.njit(cache=_folder is not None, **options)
-    return decorator
+    if _folder is None:
+        return decorator
+    return lambda function: found_elsewhere(decorator(function), _compilations.one_more)
 
 
 # What Python and C would call a kernel by: a fourth of the time of its compilation.
@@ -161,6 +176,19 @@ def loop_kernel(function: Any) -> Any:
 def batch_kernel(function: Any) -> Any:
     """Compile a loop over Gauss points or elements that Numba spreads over threads."""
     return compiled(error_model="numpy", fastmath=_FAST, nogil=True, parallel=True)(function)
+
+
+def kernels_for(factory: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a factory of kernels for given numbers that makes each once."""
+
+    @cache
+    @wraps(factory)
+    def made(*numbers: int) -> Any:
+        dispatcher = factory(*numbers)
+        made_by(dispatcher, factory, numbers)
+        return dispatcher
+
+    return made
 
 
 def use_threads(count: int) -> None:

@@ -78,6 +78,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
         "solver_adapters.profile",
         "solver_adapters.tasks",
     ),
+    ("solver_adapters.compiling_process",),
     ("meshes", "solver_adapters.user_folders", "templates"),
 )
 CORRIDORS = ("driver", "driver.diagnosis", "solver_adapters")

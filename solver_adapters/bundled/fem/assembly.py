@@ -12,7 +12,6 @@ n·component + node: so every inner loop runs over neighbours in memory.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from numba import prange
 
 from meshes.arrays import BoolArray, FloatArray, IntArray
 from solver_adapters.bundled.fem.dilatation import Dilatation
-from solver_adapters.kernels import batch_kernel, loop_kernel
+from solver_adapters.kernels import batch_kernel, kernels_for, loop_kernel
 
 
 def displacement_gradients(
@@ -122,7 +121,7 @@ def add_projected_stiffness(
     )
 
 
-@cache
+@kernels_for
 def _displacement_gradients(n_gauss: int, n: int) -> Any:
     @batch_kernel
     def displacement_gradients(
@@ -140,7 +139,7 @@ def _displacement_gradients(n_gauss: int, n: int) -> Any:
     return displacement_gradients
 
 
-@cache
+@kernels_for
 def _direction_gradients(n_gauss: int, n: int) -> Any:
     @batch_kernel
     def direction_gradients(
@@ -165,7 +164,7 @@ def _direction_gradients(n_gauss: int, n: int) -> Any:
     return direction_gradients
 
 
-@cache
+@kernels_for
 def _element_forces(n_gauss: int, n: int) -> Any:
     @batch_kernel
     def element_forces(
@@ -187,7 +186,7 @@ def _element_forces(n_gauss: int, n: int) -> Any:
     return element_forces
 
 
-@cache
+@kernels_for
 def _direction_forces(n_gauss: int, n: int) -> Any:
     @batch_kernel
     def direction_forces(
@@ -218,7 +217,7 @@ def _direction_forces(n_gauss: int, n: int) -> Any:
     return direction_forces
 
 
-@cache
+@kernels_for
 def _add_gradient_changes(n_gauss: int, n: int) -> Any:
     @batch_kernel
     def add_gradient_changes(
@@ -244,7 +243,7 @@ def _add_gradient_changes(n_gauss: int, n: int) -> Any:
     return add_gradient_changes
 
 
-@cache
+@kernels_for
 def _add_force_changes(n_gauss: int, n: int) -> Any:
     @batch_kernel
     def add_force_changes(
@@ -269,7 +268,7 @@ def _add_force_changes(n_gauss: int, n: int) -> Any:
     return add_force_changes
 
 
-@cache
+@kernels_for
 def _element_stiffness(n_gauss: int, n: int) -> Any:
     N = 3 * n
 
@@ -320,7 +319,7 @@ def _element_stiffness(n_gauss: int, n: int) -> Any:
     return element_stiffness
 
 
-@cache
+@kernels_for
 def _add_projected_stiffness(n_gauss: int, n: int) -> Any:
     """Make the stiffness of H one of H + R D u / 3, D the rows of `Dilatation.divergence`."""
     N = 3 * n
