@@ -10,10 +10,10 @@ import shutil
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from itertools import count, islice
 from multiprocessing import connection
@@ -30,7 +30,8 @@ from solver_adapters.tasks import as_one_of_several, executor_elsewhere, is_one_
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_OF_BLAS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+THREAD_VARIABLES = ("OMP_NUM_THREADS", *_OF_BLAS)
 """Limits of numerical libraries that would each start as many threads as there are cores."""
 
 _SAFE_PATH = "PYTHONSAFEPATH"
@@ -141,9 +142,7 @@ def _with_threads(work: Callable[[Task], Result], threads: int, packed: bytes) -
     its own way, and sums over them would round otherwise.
     """
     use_threads(threads)
-    # It was not started with the limits of one of ours, and BLAS sums in as many parts as it has
-    # threads.
-    with as_one_of_several(), threadpool_limits(threads):
+    with as_one_of_several(), blas_on_one_thread():
         return pickle.dumps(work(pickle.loads(packed)), pickle.HIGHEST_PROTOCOL)
 
 
@@ -162,7 +161,11 @@ def _own_processes(processes: int, threads: int) -> Iterator[Executor]:
     """
     with (
         TemporaryDirectory(prefix="prismid-") as name,
-        _own_environment(threads),
+        _environment(
+            dict.fromkeys(THREAD_VARIABLES, "1")
+            | {"OMP_NUM_THREADS": str(threads)}
+            | {_SAFE_PATH: "1"}  # processes that start inside import nothing from this folder
+        ),
         ProcessPoolExecutor(
             max_workers=processes,
             mp_context=multiprocessing.get_context("spawn"),
@@ -318,9 +321,34 @@ def _deaf_to_interrupts() -> Iterator[None]:
 
 
 @contextmanager
-def _own_environment(threads: int) -> Iterator[None]:
-    """Let processes that start inside inherit the limit, and import nothing from this folder."""
-    inside = dict.fromkeys(THREAD_VARIABLES, str(threads)) | {_SAFE_PATH: "1"}
+def blas_on_one_thread() -> Iterator[None]:
+    """Let BLAS sum in one order, whatever the cores: it sums in as many parts as it has threads.
+
+    The limit is that of the process, and ends with the last thread that is inside.
+    """
+    global _inside
+    with _entering:
+        if not _inside:
+            # The variables are for a library that is loaded inside.
+            _limits.enter_context(_environment(dict.fromkeys(_OF_BLAS, "1")))
+            _limits.enter_context(threadpool_limits(1, "blas"))
+        _inside += 1
+    try:
+        yield
+    finally:
+        with _entering:
+            _inside -= 1
+            if not _inside:
+                _limits.close()
+
+
+_entering, _limits = threading.Lock(), ExitStack()
+_inside = 0  # threads that BLAS is limited for
+
+
+@contextmanager
+def _environment(inside: Mapping[str, str]) -> Iterator[None]:
+    """Set variables of the environment, which processes that start inside inherit."""
     before = {name: os.environ.get(name) for name in inside}
     os.environ.update(inside)
     try:

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
-from threadpoolctl import threadpool_info
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from driver.common.machine import cores
-from driver.common.parallel import side_by_side
+from driver.common.parallel import blas_on_one_thread, side_by_side
 from solver_adapters.interface import PreparedError
 from solver_adapters.kernels import PACKAGES
 from solver_adapters.tasks import elsewhere
@@ -129,11 +129,21 @@ def threads_of_blas(task: int) -> list[int]:
     return [found["num_threads"] for found in threadpool_info() if found["user_api"] == "blas"]
 
 
-@pytest.mark.skipif(cores() < 2, reason="one core has one thread")
 @pytest.mark.parametrize("threads", [1, 2])
-def test_blas_has_the_threads_of_its_process(threads: int) -> None:
+def test_blas_has_one_thread_whatever_those_of_its_process(threads: int) -> None:
     for found in side_by_side(threads_of_blas, [0, 1], 2, threads):
-        assert found and set(found) == {threads}
+        assert found and set(found) == {1}
+
+
+@pytest.mark.skipif(cores() < 2, reason="one core has one thread")
+def test_blas_keeps_to_one_thread_until_the_last_task_beside_it_has_ended() -> None:
+    first, second = blas_on_one_thread(), blas_on_one_thread()
+    with threadpool_limits(2, "blas"):
+        with first:
+            second.__enter__()
+        assert set(threads_of_blas(0)) == {1}
+        second.__exit__(None, None, None)
+        assert 2 in threads_of_blas(0)
 
 
 def prepared_unless_even(number: int) -> int:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from driver.case.consent import ConsentError, agree
 from driver.case.model import Case, CaseError, default_case, load_case, write_case
@@ -416,6 +417,20 @@ def test_stages_that_are_done_for_the_case_as_it_is_are_known(workshop: Workshop
     told = r"stage measure: found results of another state \(\[dic\] has changed\), expected those"
     with pytest.raises(StageError, match=told):
         done("mesh", "measure")
+
+
+def test_blas_has_one_thread_in_a_stage_whatever_the_user_has_set(workshop: Workshop) -> None:
+    """Numbers would be those of the cores of a machine."""
+    found: set[int] = set()
+
+    def measure(context: StageContext) -> None:
+        found.update(each["num_threads"] for each in threadpool_info())
+        workshop.measure(context)
+
+    workshop.stages[1] = replace(workshop.stages[1], run=measure)
+    with threadpool_limits(2, "blas"):
+        workshop.run()
+    assert found == {1}
 
 
 def test_what_has_changed_since_a_stage_has_run_is_told(workshop: Workshop) -> None:
