@@ -52,7 +52,10 @@ class _Compiler:
                 answer = self._answer(self.process, message)
                 if answer != _GONE:
                     return answer == _DONE
-            self.process, self.owner = _started(), os.getpid()
+            try:
+                self.process, self.owner = _started(), os.getpid()
+            except OSError:  # no further process may be had
+                return False
             return self._answer(self.process, message) == _DONE
 
     def _answer(self, process: subprocess.Popen[bytes], message: bytes) -> bytes:

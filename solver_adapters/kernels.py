@@ -141,7 +141,7 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
         options: of `numba.njit`.
     """
     decorator: Callable[[Any], Any] = numba.njit(cache=_folder is not None, **options)
-    if _folder is None:
+    if _folder is None or _config.DISABLE_JIT:
         return decorator
     return lambda function: found_elsewhere(decorator(function), _compilations.one_more)
 
