@@ -118,7 +118,7 @@ def _workers(
         left = sum(job.cost.seconds > 0 for job in jobs)
         most = max(1, min(left, use.jobs or left))
         memory = max(job.cost.memory for job in jobs)
-        return of_queue(queue, most, use.processes * use.threads, memory, file)
+        return of_queue(queue, most, max(job.cores for job in jobs), memory, file)
     return of_this_machine(most_at_a_time(jobs, campaign, machine.cores(), machine.memory()))
 
 
@@ -129,7 +129,7 @@ def _foretell(
     use, at_a_time = campaign.execution, workers.at_a_time
     waiting = [State(job, "waiting") for job in jobs]
     largest = max(job.cost.memory for job in jobs)
-    cores = at_a_time * use.processes * use.threads
+    cores = at_a_time * max(job.cores for job in jobs)
     cases = "1 case" if len(jobs) == 1 else f"{len(jobs)} cases"
     cost = cost_told(remaining(waiting, at_a_time), at_a_time * largest)
     told = f"{cases}, {at_a_time} at a time on {cores} core(s) {workers.where}"

@@ -37,7 +37,7 @@ from driver.virtual.settings import Virtual, read_virtual
 from driver.virtual.truth import stage_program
 from driver.workflow.cost import Cost
 from driver.workflow.engine import finished
-from driver.workflow.pipeline import cost_of_run, stages
+from driver.workflow.pipeline import cores_of_run, cost_of_run, stages
 
 _MARK = "# Written by prismid batch; a change of the campaign writes it anew.\n"
 _LONGEST = 100  # bytes of the name of a file
@@ -61,6 +61,7 @@ class Job:
         log: what the calls say.
         lock: is held as long as one of their processes lives.
         cost: of what is not done yet.
+        cores: that it takes at a time.
         texts: files that the campaign writes before it begins, and what they hold.
         made: the folder of a virtual experiment that is to be made, or None.
     """
@@ -73,6 +74,7 @@ class Job:
     log: Path
     lock: Path
     cost: Cost
+    cores: int = 1
     texts: tuple[tuple[Path, str], ...] = ()
     made: Path | None = None
 
@@ -278,7 +280,8 @@ def _job(
     cost = cost_of_run(case, use.processes, use.threads, n_images)
     if not before and last in stages_done(path):
         cost = replace(cost, seconds=0.0)
-    return Job(name, key, path, (*before, run), last, *_files(file, name), cost)
+    cores = cores_of_run(case, use.processes, use.threads)
+    return Job(name, key, path, (*before, run), last, *_files(file, name), cost, cores)
 
 
 def store_of(store: str, file: Path) -> Path:
@@ -374,7 +377,7 @@ def most_at_a_time(jobs: Sequence[Job], campaign: Campaign, cores: int, memory: 
         memory: of the machine [bytes].
     """
     use = campaign.execution
-    asked = use.jobs or max(1, cores // (use.processes * use.threads))
+    asked = use.jobs or max(1, cores // max((job.cores for job in jobs), default=1))
     stated = memory if use.memory_GB is None else 1e9 * use.memory_GB
     largest = max((job.cost.memory for job in jobs), default=0.0)
     held = int(stated // largest) if largest else asked

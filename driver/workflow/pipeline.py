@@ -13,6 +13,7 @@ from shlex import quote
 from driver.case.file_names import TRACE
 from driver.case.model import Case
 from driver.case.scheduler import on_workers
+from driver.case.solver_profiles import profile_of
 from driver.case.specimen import SIZES
 from driver.common.errors import sentence
 from driver.common.formatting import cost_told, joined
@@ -213,6 +214,26 @@ def cost_of_run(case: Case, processes: int, threads: int, n_images: int = 0) -> 
     """
     sizes = sized(case, capabilities_of(case))
     return _cost_as_it_is(_executed(sizes, processes, threads), n_images)
+
+
+def cores_of_run(case: Case, processes: int, threads: int) -> int:
+    """Return the cores that a run of a case takes at a time.
+
+    A solver that is a program of its own has for each of its jobs those of its profile.
+
+    Args:
+        case: the case.
+        processes: simulations side by side.
+        threads: threads of each process.
+
+    Raises:
+        ConfigError: the user's configuration cannot be used.
+        ConsentError: the case states a command to which the user has not agreed.
+    """
+    if capabilities_of(case).in_process:
+        return processes * threads
+    profile = profile_of(case)
+    return processes * max(threads, profile.processes * profile.threads)
 
 
 def _cost_as_it_is(case: Case, n_images: int = 0) -> Cost:

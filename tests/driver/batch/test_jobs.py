@@ -11,7 +11,8 @@ import pytest
 from driver.batch import jobs as jobs_module
 from driver.batch.campaign import Campaign, Study, Trial, Use
 from driver.batch.jobs import Job, jobs_of, most_at_a_time, write_files
-from driver.case.model import Case, load_case
+from driver.case.model import Case, load_case, write_case
+from driver.case.solver import ProfileTable
 from driver.common.errors import InputError
 from driver.workflow.cost import Cost
 from driver.workflow.pipeline import cost_of_run
@@ -258,15 +259,29 @@ def test_a_case_at_which_prismid_has_a_fault_is_a_job_that_fails_by_itself(
     assert good.cost.seconds > 0 and other.calls == (("run", str(other.case), "--until", "report"),)
 
 
+def test_a_job_takes_the_cores_of_its_processes_or_of_the_jobs_of_its_solver(file: Path) -> None:
+    campaign = Campaign(cases=("base",), execution=Use(processes=3, threads=2))
+    (job,) = jobs_of(campaign, file)
+    assert job.cores == 6
+    path = file.parent / "base" / "case.toml"
+    jobs = {"solver.name": "code_aster", "solver.profiles": {"code_aster": ProfileTable(threads=4)}}
+    write_case(load_case(path).with_values_at(jobs), path)
+    (job,) = jobs_of(campaign, file)
+    assert job.cores == 12
+
+
 def test_jobs_at_a_time_are_what_cores_and_memory_hold(file: Path) -> None:
     (job,) = jobs_of(Campaign(cases=("base",)), file)
     jobs = [replace(job, cost=Cost(1.0, 2e9, 1)) for _ in range(9)]
 
-    def most(cores: int, memory: float, some: list[Job] = jobs, **use: Any) -> int:
+    def most(
+        cores: int, memory: float, some: list[Job] = jobs, of_each: int = 1, **use: Any
+    ) -> int:
+        some = [replace(job, cores=of_each) for job in some]
         return most_at_a_time(some, Campaign(cases=("x",), execution=Use(**use)), cores, memory)
 
     assert most(8, 64e9) == 8 and most(32, 64e9) == 9
-    assert most(8, 64e9, processes=2) == 4 and most(8, 64e9, processes=2, threads=2) == 2
+    assert most(8, 64e9, of_each=2) == 4 and most(8, 64e9, of_each=4) == 2
     assert most(2, 64e9, jobs=5) == 5
     assert most(8, 7e9) == 3 and most(8, 64e9, memory_GB=4.0) == 2
     assert most(8, 1e9) == 1 and most(8, 64e9, jobs[:1]) == 1
