@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.measuring import MEASURES, SCHEMES, in_child, show
 from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.problem import build_problem
-from solver_adapters.crystal import N_SYSTEMS, rotation_vector_matrix
+from solver_adapters.crystal import rotation_vector_matrix
 from solver_adapters.interface import Integration
 from solver_adapters.material import Material, StrainMeasure
 from tools.boxes import ORIENTATIONS, box, pulled
@@ -40,7 +40,7 @@ def kernel_time(measure: StrainMeasure, integration: Integration, repeats: int) 
     ]
     best = np.inf
     for _ in range(repeats + 1):  # the first one loads or compiles
-        state, slips, total = problem.state, np.zeros((n, N_SYSTEMS)), 0.0
+        state, slips, total = problem.state, np.zeros((n, points.n_systems)), 0.0
         for row in range(1, len(t)):
             turned = row > 1 and (e[row] - e[row - 1]) * (e[row - 1] - e[row - 2]) < 0
             guess = np.zeros_like(slips) if turned else slips

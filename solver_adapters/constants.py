@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from meshes.arrays import FloatArray
-from solver_adapters.crystal import N_SYSTEMS
+from solver_adapters.crystal import system_count
 from solver_adapters.material import Material
 
 
@@ -26,8 +26,8 @@ def grain_ratios(material: Material, n_grains: int) -> FloatArray:
 
 
 def interaction_matrix(material: Material) -> FloatArray:
-    """Return the interaction matrix without h_latent, shape (24, 24)."""
-    matrix = np.eye(N_SYSTEMS)
+    """Return the interaction matrix without h_latent, shape (n, n), n of `system_count`."""
+    matrix = np.eye(system_count(material.slip_systems))
     if material.interaction is not None:
         n = len(material.interaction)
         matrix[:n, :n] = material.interaction
@@ -35,12 +35,13 @@ def interaction_matrix(material: Material) -> FloatArray:
 
 
 def isotropic_hardening(material: Material) -> tuple[float, FloatArray]:
-    """Q [MPa] and h, shape (24, 24), with Q_latent and h_latent in them.
+    """Q [MPa] and h, shape (n, n) as of `interaction_matrix`, with Q_latent and h_latent in them.
 
     The law hardens by Q Σ_r h_sr (1 − exp(−b p_r)). Without Q of its own Q_latent is Q, and h has
     nothing on its diagonal; without any hardening h is the identity.
     """
-    m, apart = material, 1.0 - np.eye(N_SYSTEMS)
+    m, identity = material, np.eye(system_count(material.slip_systems))
+    apart = 1.0 - identity
     if m.Q != 0.0:
         return m.Q, interaction_matrix(m) + (m.h_latent + m.Q_latent / m.Q) * apart
-    return (m.Q_latent, apart) if m.Q_latent != 0.0 else (0.0, np.eye(N_SYSTEMS))
+    return (m.Q_latent, apart) if m.Q_latent != 0.0 else (0.0, identity)

@@ -6,8 +6,13 @@ import numpy as np
 
 from meshes.arrays import FloatArray
 
-N_SYSTEMS = 24
-"""Most slip systems of a crystal; where one has fewer, null ones that never slip follow them."""
+SYSTEM_COUNTS = (24, 48)
+"""Numbers of slip systems that arrays have, ascending: the first that holds those of a crystal.
+
+Where a crystal has fewer, null ones that never slip follow them.
+"""
+MOST_SYSTEMS = SYSTEM_COUNTS[-1]
+"""Most slip systems of a crystal."""
 N_110 = 12
 
 _ROUNDING = 1e-6  # of the cosine of an angle
@@ -44,6 +49,35 @@ BCC: SystemTable = (
 )
 """Twelve {110}⟨111⟩, then twelve {112}⟨111⟩, in the order of Code_Aster's BCC24."""
 
+BCC48: SystemTable = (
+    *BCC,
+    ((1, 2, 3), (1, 1, -1)),
+    ((1, -3, -2), (1, 1, -1)),
+    ((2, 1, 3), (1, 1, -1)),
+    ((2, -3, -1), (1, 1, -1)),
+    ((3, -1, 2), (1, 1, -1)),
+    ((3, -2, 1), (1, 1, -1)),
+    ((1, -2, 3), (1, -1, -1)),
+    ((1, 3, -2), (1, -1, -1)),
+    ((2, -1, 3), (1, -1, -1)),
+    ((2, 3, -1), (1, -1, -1)),
+    ((3, 1, 2), (1, -1, -1)),
+    ((3, 2, 1), (1, -1, -1)),
+    ((1, -2, -3), (1, -1, 1)),
+    ((1, 3, 2), (1, -1, 1)),
+    ((2, -1, -3), (1, -1, 1)),
+    ((2, 3, 1), (1, -1, 1)),
+    ((3, 1, -2), (1, -1, 1)),
+    ((3, 2, -1), (1, -1, 1)),
+    ((1, 2, -3), (1, 1, 1)),
+    ((1, -3, 2), (1, 1, 1)),
+    ((2, 1, -3), (1, 1, 1)),
+    ((2, -3, 1), (1, 1, 1)),
+    ((3, -1, -2), (1, 1, 1)),
+    ((3, -2, -1), (1, 1, 1)),
+)
+"""Those of BCC, then twenty-four {123}⟨111⟩, direction by direction."""
+
 FCC: SystemTable = (
     ((1, 1, 1), (-1, 0, 1)),
     ((1, 1, 1), (0, -1, 1)),
@@ -67,7 +101,7 @@ def table_fault(table: SystemTable) -> str | None:
     Args:
         table: planes and directions, three finite numbers each.
     """
-    if not 1 <= len(table) <= N_SYSTEMS:
+    if not 1 <= len(table) <= MOST_SYSTEMS:
         return f"{len(table)} systems"
     seen: list[FloatArray] = []
     for place, indices in enumerate(table, start=1):
@@ -86,6 +120,15 @@ def table_fault(table: SystemTable) -> str | None:
     return None
 
 
+def system_count(table: SystemTable) -> int:
+    """Return the length that arrays over the slip systems of a table have (`SYSTEM_COUNTS`).
+
+    Args:
+        table: at most `MOST_SYSTEMS`.
+    """
+    return next(count for count in SYSTEM_COUNTS if len(table) <= count)
+
+
 def system_name(table: SystemTable, system: int) -> str:
     """Return plane and direction of a slip system, such as `(0 1 1) [1 1 −1]`."""
     plane, direction = (
@@ -95,18 +138,18 @@ def system_name(table: SystemTable, system: int) -> str:
 
 
 def slip_systems(table: SystemTable) -> tuple[FloatArray, FloatArray]:
-    """Return unit slip directions m and plane normals n in crystal axes, each of shape (24, 3).
+    """Return unit slip directions m and plane normals n in crystal axes, each (n, 3).
 
-    Those behind the last system of the table are null.
+    n is `system_count` of the table; those behind its last system are null.
     """
     indices = np.array(table, dtype=np.float64)
-    unit = np.zeros((N_SYSTEMS, 2, 3))
+    unit = np.zeros((system_count(table), 2, 3))
     unit[: len(table)] = indices / np.linalg.norm(indices, axis=2, keepdims=True)
     return unit[:, 1], unit[:, 0]
 
 
 def schmid_tensors(table: SystemTable) -> FloatArray:
-    """Schmid tensor m ⊗ n of each system in crystal axes, shape (24, 3, 3)."""
+    """Schmid tensor m ⊗ n of each system in crystal axes, (n, 3, 3) with n of `slip_systems`."""
     directions, normals = slip_systems(table)
     tensors: FloatArray = np.einsum("si,sj->sij", directions, normals)
     return tensors

@@ -216,8 +216,9 @@ class CellFields:
     Attributes:
         stress: Cauchy stress [MPa] in the order XX, YY, ZZ, YZ, XZ, XY, specimen frame,
             shape (n_output, n_cells, 6).
-        slip: signed slip of each system since the start, shape (n_output, n_cells, 24).
-        accumulated_slip: the same without signs, shape (n_output, n_cells, 24).
+        slip: signed slip of each system since the start, shape (n_output, n_cells, n_systems) with
+            `crystal.system_count` of the slip systems: 24, or 48 of a crystal that has more.
+        accumulated_slip: the same without signs, shape (n_output, n_cells, n_systems).
         rotation: rotation vector of the lattice since the start [rad], specimen frame,
             shape (n_output, n_cells, 3).
     """

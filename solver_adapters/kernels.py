@@ -1,13 +1,16 @@
 """How kernels are compiled: one decorator, and a cache on disk keyed on all kernel sources.
 
 Numba keys its cache on the file of a function and does not notice a changed callee in another
-file, nor changed arrays that were frozen into it: the folder below carries a hash of all that.
+file, nor changed arrays that were frozen into it: the folder below carries a hash of all that. Nor
+does it notice that a file is loaded under two names (`bundled.law.of_48`): those of a module that
+is not called as its file lies have a folder of their own within it.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache, wraps
@@ -32,17 +35,20 @@ KERNEL_SOURCES = (
     *(
         f"solver_adapters/bundled/law/{name}.py"
         for name in (
+            "__init__",
             "back_strain",
             "fast_math",
             "finite_derivative",
             "finite_strain",
             "law",
             "law_terms",
+            "of_48/__init__",
             "point_kernels",
             "relaxation",
             "simd_rows",
             "slip",
             "slip_derivatives",
+            "state_layout",
             "small_derivative",
             "small_lu",
             "small_strain",
@@ -140,10 +146,32 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
     Args:
         options: of `numba.njit`.
     """
-    decorator: Callable[[Any], Any] = numba.njit(cache=_folder is not None, **options)
-    if _folder is None or _config.DISABLE_JIT:
-        return decorator
-    return lambda function: found_elsewhere(decorator(function), _compilations.one_more)
+
+    def compile_lazily(function: Any) -> Any:
+        if _folder is None or _config.DISABLE_JIT:
+            return numba.njit(**options)(function)
+        with _decorating, _in_folder_of(function, _folder):
+            dispatcher = numba.njit(cache=True, **options)(function)
+        return found_elsewhere(dispatcher, _compilations.one_more)
+
+    return compile_lazily
+
+
+_decorating = threading.Lock()
+
+
+@contextmanager
+def _in_folder_of(function: Any, folder: Path) -> Iterator[None]:
+    """Let Numba cache a function where no other module of the same file has its own."""
+    package = function.__module__.rpartition(".")[0].rpartition(".")[2]
+    if package in ("", Path(function.__code__.co_filename).parent.name):
+        yield
+        return
+    before, _config.CACHE_DIR = _config.CACHE_DIR, str(folder / package)
+    try:
+        yield
+    finally:
+        _config.CACHE_DIR = before
 
 
 # What Python and C would call a kernel by: a fourth of the time of its compilation.

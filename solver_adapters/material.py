@@ -57,8 +57,8 @@ class Material:
         h_latent: off-diagonal terms added to the interaction matrix [-], null 0.
         Q_latent: saturated hardening of a system by each other one [MPa], null 0; on top of
             Q h_latent, and there without Q, too.
-        slip_systems: plane normal and slip direction of each system, at most 24. Those of BCC are
-            the only ones with a second family, a sense of twinning and a1.
+        slip_systems: plane normal and slip direction of each system, at most 48. Those of BCC
+            (`crystal.BCC`) are the only ones with a second family, a sense of twinning and a1.
         interaction: interaction matrix, a row and a column for each system [-]; None is the
             identity.
         c2: modulus of a second back stress [MPa], null 0.

@@ -8,12 +8,10 @@ from meshes.arrays import FloatArray
 from meshes.files import write_med
 from meshes.med_fields import MedField, Place, add_med_fields
 from meshes.prism_mesh import PrismMesh
-from solver_adapters.crystal import N_SYSTEMS
 from solver_adapters.interface import CellFields
 
 _AXES = ("X", "Y", "Z")
 _STRESSES = ("SIXX", "SIYY", "SIZZ", "SIYZ", "SIXZ", "SIXY")
-_SYSTEMS = tuple(f"S{number}" for number in range(1, N_SYSTEMS + 1))
 
 
 def write_results(
@@ -43,14 +41,15 @@ def write_results(
     ) -> MedField:
         return MedField(name, place, components, (unit,) * len(components), times, values)
 
+    systems = tuple(f"S{number}" for number in range(1, cells.slip.shape[-1] + 1))
     write_med(mesh, path)
     add_med_fields(
         path,
         (
             field("DEPL", "nodes", tuple(f"D{axis}" for axis in _AXES), "um", displacement),
             field("STRESS", "cells", _STRESSES, "MPa", cells.stress),
-            field("SLIP", "cells", _SYSTEMS, "", cells.slip),
-            field("ACCUMULATED_SLIP", "cells", _SYSTEMS, "", cells.accumulated_slip),
+            field("SLIP", "cells", systems, "", cells.slip),
+            field("ACCUMULATED_SLIP", "cells", systems, "", cells.accumulated_slip),
             field("ROTATION", "cells", tuple(f"R{axis}" for axis in _AXES), "rad", cells.rotation),
         ),
     )

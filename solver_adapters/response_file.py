@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 from meshes.guarded import can_be_read
-from solver_adapters.crystal import N_SYSTEMS
+from solver_adapters.crystal import SYSTEM_COUNTS
 from solver_adapters.interface import CellFields, Response, Trajectory
 from solver_adapters.result_files import ResultFileError
 
@@ -47,7 +47,6 @@ _TRAJECTORY = {
     "times": ("s", "the first instant and the ends of the time steps"),
     "displacement": ("µm", "displacement of all nodes there (instant, node, X Y Z)"),
 }
-_CELLS_WIDTH = {"stress": 6, "slip": N_SYSTEMS, "accumulated_slip": N_SYSTEMS, "rotation": 3}
 _COUNTS = ("steps", "iterations", "cuts", "refinements")
 
 
@@ -179,7 +178,11 @@ def _refuse_unfit(path: Path, response: Response) -> None:
     arrays = {name: getattr(response, name) for name in shapes}
     if response.cells is not None:
         cells = response.cells.stress.shape[1] if response.cells.stress.ndim == 3 else 0
-        for name, width in _CELLS_WIDTH.items():
+        systems = response.cells.slip.shape[-1] if response.cells.slip.ndim == 3 else 0
+        if systems not in SYSTEM_COUNTS:
+            systems = SYSTEM_COUNTS[0]
+        widths = {"stress": 6, "slip": systems, "accumulated_slip": systems, "rotation": 3}
+        for name, width in widths.items():
             shapes[f"cells/{name}"] = (instants, cells, width)
             arrays[f"cells/{name}"] = getattr(response.cells, name)
     if response.trajectory is not None:

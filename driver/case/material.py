@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from driver.case.messages import refusal
 from driver.case.values import Number, Table
 from driver.common.errors import show
-from solver_adapters.crystal import BCC, FCC, N_SYSTEMS, SystemTable, table_fault
+from solver_adapters.crystal import BCC, BCC48, FCC, MOST_SYSTEMS, SystemTable, table_fault
 from solver_adapters.interaction import bcc24_classes
 from solver_adapters.material import (
     ELASTIC_CONSTANTS,
@@ -25,7 +25,7 @@ from solver_adapters.material import (
 
 _INTERACTION = "a row of numbers for each slip system, or for bcc the four numbers [H1, H2, H3, H4]"
 _SYSTEMS = (
-    f'"bcc", "fcc", or 1 to {N_SYSTEMS} systems [[plane normal], [slip direction]], as '
+    f'"bcc", "bcc48", "fcc", or 1 to {MOST_SYSTEMS} systems [[plane normal], [slip direction]], as '
     "[[1, 1, 1], [0, 1, -1]], each direction in its plane"
 )
 
@@ -77,9 +77,10 @@ Classes = tuple[Number, Number, Number, Number]
 Indices = tuple[Number, Number, Number]
 Crystal = Literal["bcc", "fcc"]
 SlipSystems = Annotated[
-    Crystal | tuple[tuple[Indices, Indices], ...], BeforeValidator(_named_or_listed)
+    Literal["bcc", "bcc48", "fcc"] | tuple[tuple[Indices, Indices], ...],
+    BeforeValidator(_named_or_listed),
 ]
-CRYSTALS: Mapping[str, SystemTable] = {"bcc": BCC, "fcc": FCC}
+CRYSTALS: Mapping[str, SystemTable] = {"bcc": BCC, "bcc48": BCC48, "fcc": FCC}
 Ratio = Annotated[float, Field(strict=True, ge=1e-6, le=1e12)]
 Interaction = Annotated[Matrix | Classes | None, BeforeValidator(_matrix_or_classes)]
 

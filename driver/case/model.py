@@ -27,6 +27,7 @@ from driver.parameters.boundary import LAMBDAS
 from driver.parameters.microstructure import moves_boundary
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.registry import declared_parameters
+from solver_adapters.crystal import BCC
 from solver_adapters.material import OF_BCC
 from templates import render
 
@@ -150,7 +151,8 @@ class Case(Table):
     @model_validator(mode="after")
     def _extensions_of_the_model(self) -> Self:
         n_grains = len(self.grains)
-        declared = declared_parameters(1, self.material.to_material(), n_grains=n_grains)
+        law = self.material.to_material()
+        declared = declared_parameters(1, law, n_grains=n_grains)
         always = (*LAMBDAS, *(parameter.name for parameter in POSE_DECLARATIONS))
         taken = {*always, *self.identification.parameters}
         known = [
@@ -158,7 +160,7 @@ class Case(Table):
             for name in declared
             if name not in taken
             and (n_grains > 1 or not name.startswith(_OF_TWO_GRAINS))
-            and (self.material.slip_systems == "bcc" or name not in OF_BCC)
+            and (law.slip_systems == BCC or name not in OF_BCC)
         ]
         if self.specimen.boundaries_stay:
             known = [name for name in known if not moves_boundary(name)]

@@ -55,7 +55,7 @@ volume_model.vtkhdf, volume_extended.vtkhdf   the inside over time [s], in one f
                   and cells (means over each):
   grain                   1, 2
   stress_MPa              Cauchy stress XX, YY, ZZ, XY, YZ, XZ
-  slip                    signed slip of the 24 systems since the start: 12 {110}, then 12 {112}
+  slip                    signed slip of 24 or 48 systems since the start: of BCC 12 {110}, 12 {112}
   accumulated_slip        the same without signs; accumulated_slip_sum over all systems
   lattice_rotation_rad    rotation vector of the lattice since the start
 """

@@ -11,14 +11,13 @@ from driver.forward.model import ForwardModel
 from driver.identification.fit import Fit
 from meshes.arrays import FloatArray, IntArray
 from meshes.cells import jacobians
-from solver_adapters.crystal import N_SYSTEMS
+from solver_adapters.crystal import system_count
 from solver_adapters.interface import SolverError
 
 logger = logging.getLogger(__name__)
 
 _MOST = 60  # images
 _BYTES = 2**28  # of the fields of all cells at these images
-_NUMBERS = 6 + 2 * N_SYSTEMS + 3  # of a cell at an image
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +26,8 @@ class SlipActivity:
 
     Attributes:
         images: their numbers, ascending, shape (n,).
-        of_grains: mean of each system over the volume of each grain [1], shape (n, n_grains, 24).
+        of_grains: mean of each system over the volume of each grain [1], shape
+            (n, n_grains, n_systems).
         of_cells: mean of each cell at the last image, summed over the systems [1],
             shape (n_cells,).
     """
@@ -56,7 +56,9 @@ def slip_activity(model: ForwardModel, fit: Fit) -> SlipActivity | None:
         model = model.with_time_steps_of(trajectory.times[1:], fit.values)
         model = model.warm_started_from(trajectory, fit.values)
     mesh = model.microstructure.mesh
-    most = int(np.clip(_BYTES // (8 * _NUMBERS * len(mesh.cells)), 2, _MOST))
+    systems = system_count(model.material.slip_systems)
+    numbers = 6 + 2 * systems + 3  # of a cell at an image
+    most = int(np.clip(_BYTES // (8 * numbers * len(mesh.cells)), 2, _MOST))
     last = model.image_row.size - 1
     images = np.unique(np.round(np.linspace(0, last, min(most, last + 1))).astype(np.int64))
     simulation = replace(

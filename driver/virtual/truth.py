@@ -39,7 +39,7 @@ class Course:
         motion: motion of its nodes as the images show it [µm], shape (T, n, 3).
         load: load reading without noise [µN], shape (T,).
         systems: its slip systems.
-        slip: signed slip of the cells, shape (T, n_cells, 24), or None.
+        slip: signed slip of the cells, shape (T, n_cells, n_systems), or None.
         values: the truth: every parameter of the general model.
     """
 

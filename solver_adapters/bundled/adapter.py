@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from meshes.arrays import FloatArray
 from solver_adapters.bundled import restart
 from solver_adapters.bundled.direction_reduction import reduced_directions
-from solver_adapters.bundled.fem.cell_fields import WIDTHS, cell_fields
+from solver_adapters.bundled.fem.cell_fields import cell_fields, widths
 from solver_adapters.bundled.fem.problem import Problem, build_problem, build_tangents
 from solver_adapters.bundled.identity import solver_hash
 from solver_adapters.bundled.stepping import Stepper
@@ -156,8 +157,8 @@ class Run:
             "d_force": np.zeros((k, n)),
         }
         if simulation.cell_fields:
-            cells = len(simulation.mesh.cells)
-            self._rows |= {name: np.zeros((n, cells, width)) for name, width in WIDTHS.items()}
+            cells, width = len(simulation.mesh.cells), widths(problem.points.n_systems)
+            self._rows |= {name: np.zeros((n, cells, k)) for name, k in width.items()}
         times = simulation.times
         self._start = self.stepper.start(float(times[0]))
         if checkpoint is not None and restart.fits(
@@ -219,7 +220,7 @@ class Run:
         rows = self._rows
         cells = None
         if self.simulation.cell_fields:
-            cells = CellFields(**{name: rows[name][:done] for name in WIDTHS})
+            cells = CellFields(**{f.name: rows[f.name][:done] for f in fields(CellFields)})
         return Response(
             rows["displacement"][:done],
             rows["force"][:done],

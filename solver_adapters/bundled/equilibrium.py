@@ -10,7 +10,7 @@ import numpy as np
 from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.problem import Problem
 from solver_adapters.bundled.fem.state import Increment, Instant
-from solver_adapters.bundled.law.law import NS, P_C11
+from solver_adapters.bundled.law.law import P_C11
 from solver_adapters.bundled.linear.residual_check import LinearSolverError
 from solver_adapters.bundled.linear.split_matrix import RESIDUAL
 from solver_adapters.bundled.statistics import Statistics
@@ -36,7 +36,7 @@ class Trial:
         u: displacement [µm], (n_nodes, 3).
         H: displacement gradients times the crystal rotations, (n_points, 9).
         state: states of the points, (n_points, n_state).
-        slips: slips of the step, (n_points, 24).
+        slips: slips of the step, (n_points, n_systems).
         P: first Piola–Kirchhoff stress times the crystal rotations [MPa], (n_points, 9).
         C: tangents ∂P/∂H, (n_points, 9, 9).
         forces: nodal forces [µN], (3·n_nodes,).
@@ -112,7 +112,7 @@ class Equilibrium:
         moved = motion - instant.u.ravel()[p.prescribed]
         moves = bool(np.any(moved))
         alike = last.get(moves)
-        slips = rest = np.zeros((p.points.grain.size, NS))
+        slips = rest = np.zeros((p.points.grain.size, p.points.n_systems))
         ratio = 0.0
         if alike is not None:
             ratio = _ratio(moved, alike.motion) if moves else dt / alike.dt

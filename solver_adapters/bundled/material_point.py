@@ -19,7 +19,7 @@ import numpy as np
 from meshes.arrays import FloatArray, IntArray
 from solver_adapters.bundled.fem.initial import initial_state
 from solver_adapters.bundled.law.gauss_points import Points, points_of_grains
-from solver_adapters.bundled.law.law import NS, S_ACC, S_X, S_X2
+from solver_adapters.bundled.law.law import StateLayout
 from solver_adapters.checks.arrays import expect_finite, expect_increasing, expect_shape
 from solver_adapters.checks.simulation import (
     refuse_bad_integration,
@@ -47,10 +47,11 @@ class MaterialPointCurve:
         stress: Cauchy stress, in small strain the stress [MPa], shape (n, 3, 3).
         nominal_stress: force over undeformed area, first Piola–Kirchhoff stress [MPa], force along
             the first axis and normal along the second, shape (n, 3, 3); `stress` in small strain.
-        slip: signed slip of each system since the start [-], shape (n, 24): twelve {110}⟨111⟩,
-            then twelve {112}⟨111⟩.
-        accumulated_slip: the same without signs [-], shape (n, 24).
-        back_stress: of each system [MPa], shape (n, 24).
+        slip: signed slip of each system since the start [-], shape (n, n_systems), of BCC twelve
+            {110}⟨111⟩, then twelve {112}⟨111⟩; n_systems is 24, or 48 where the crystal has more,
+            and null ones that never slip follow the last.
+        accumulated_slip: the same without signs [-], shape (n, n_systems).
+        back_stress: of each system [MPa], shape (n, n_systems).
     """
 
     time: FloatArray
@@ -282,10 +283,12 @@ def _driven(
                     "smaller strain, or more instants"
                 ) from None
         found.append(now)
-    return _curve(time, found, material)
+    return _curve(time, found, material, point.layout)
 
 
-def _curve(time: FloatArray, found: list[_State], material: Material) -> MaterialPointCurve:
+def _curve(
+    time: FloatArray, found: list[_State], material: Material, rows: StateLayout
+) -> MaterialPointCurve:
     gradient, nominal, slip, state = (
         np.stack([getattr(one, name) for one in found])
         for name in ("gradient", "nominal", "slip", "state")
@@ -295,8 +298,8 @@ def _curve(time: FloatArray, found: list[_State], material: Material) -> Materia
     if material.strain_measure == "finite":
         F = np.eye(3) + gradient
         stress = nominal @ np.swapaxes(F, 1, 2) / np.linalg.det(F)[:, None, None]
-    back = material.c * state[:, S_X : S_X + NS] + material.c2 * state[:, S_X2 : S_X2 + NS]
-    accumulated = state[:, S_ACC : S_ACC + NS]
+    back = material.c * state[:, rows.x : rows.over] + material.c2 * state[:, rows.x2 :]
+    accumulated = state[:, rows.accumulated : rows.x2]
     return MaterialPointCurve(time, gradient, stress, nominal, slip, accumulated, back)
 
 
@@ -342,7 +345,8 @@ class _Driver:
         state = initial_state(
             material.strain_measure, material.slip_systems, material.x0, 0.0, rotation, depth
         )
-        return _State(np.zeros(9), np.zeros(9), state[0], np.zeros(NS), np.zeros(NS))
+        slip = np.zeros(self.law.n_systems)
+        return _State(np.zeros(9), np.zeros(9), state[0], slip, slip)
 
     def advanced(self, start: _State, target: FloatArray, span: float, depth: int = 0) -> _State:
         """Return the point after a step, or after its halves where that has no solution.

@@ -13,7 +13,6 @@ import numpy as np
 
 from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.state import Increment, Instant
-from solver_adapters.bundled.law.law import NS
 from solver_adapters.interface import SolverError
 
 FILE = "restart.npz"
@@ -123,9 +122,9 @@ def fits(
     if _shapes(vars(instant)) != _shapes(vars(start)) or not 0 <= checkpoint.index < len(times):
         return False
     away = abs(instant.time - times[checkpoint.index])
-    points = len(start.H)
+    slips = len(start.H), start.slip.shape[1]
     increment = {
-        "du": start.u.shape, "slips": (points, NS), "motion": (n_prescribed,), "dt": (),
+        "du": start.u.shape, "slips": slips, "motion": (n_prescribed,), "dt": (),
         "near": start.u.shape,
     }  # fmt: skip
     return (

@@ -12,7 +12,6 @@ from solver_adapters.bundled.fem.problem import Problem, Tangents
 from solver_adapters.bundled.fem.state import Increment, Instant
 from solver_adapters.bundled.law.gauss_points import PointTangents
 from solver_adapters.bundled.law.integration_error import stress_error
-from solver_adapters.bundled.law.law import NS
 from solver_adapters.bundled.sensitivities import Differentiation
 from solver_adapters.bundled.statistics import Statistics
 from solver_adapters.interface import SolverError, Trajectory
@@ -64,7 +63,7 @@ class Stepper:
             du=np.zeros((p.n_nodes, 3, k)),
             dstate=self.tangents.state,
             dforce=np.zeros(k),
-            slip=np.zeros((kept, NS)),
+            slip=np.zeros((kept, p.points.n_systems)),
             P=np.zeros((kept, 9)),
         )
         if not p.strained:

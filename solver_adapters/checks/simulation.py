@@ -20,7 +20,7 @@ from solver_adapters.checks.directions import refuse_bad_directions
 from solver_adapters.checks.eigenstrain import refuse_yielding_eigenstrain
 from solver_adapters.checks.mesh import refuse_bad_mesh
 from solver_adapters.checks.motion import refuse_bad_motion
-from solver_adapters.crystal import BCC, N_SYSTEMS, table_fault
+from solver_adapters.crystal import BCC, MOST_SYSTEMS, table_fault
 from solver_adapters.interface import (
     BadSimulationError,
     Integration,
@@ -89,8 +89,8 @@ def refuse_bad_material(m: Material) -> None:
     fault = table_fault(m.slip_systems)
     if fault is not None:
         raise UnsupportedError(
-            f"slip_systems has {fault}; expected 1 to {N_SYSTEMS} systems, each a plane normal and "
-            "a slip direction in that plane"
+            f"slip_systems has {fault}; expected 1 to {MOST_SYSTEMS} systems, each a plane normal "
+            "and a slip direction in that plane"
         )
     for name in sorted(OF_BCC):
         value, null = getattr(m, name), getattr(Material(), name)

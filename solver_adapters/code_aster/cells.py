@@ -16,7 +16,7 @@ from meshes.arrays import FloatArray, IntArray
 from meshes.tet10 import centre_gradients
 from solver_adapters.code_aster.law import system_order
 from solver_adapters.code_aster.rmed import Field, ResultFile
-from solver_adapters.crystal import N_SYSTEMS, schmid_tensors
+from solver_adapters.crystal import SYSTEM_COUNTS, schmid_tensors
 from solver_adapters.interface import CellFields, Simulation
 
 _STRESS = ("SIXX", "SIYY", "SIZZ", "SIYZ", "SIXZ", "SIXY")
@@ -97,5 +97,5 @@ def _variables(places: IntArray, which: int) -> list[str]:
 
 def _of_all(values: FloatArray) -> FloatArray:
     """Return values of the systems (…, n) with zeros for those behind them, shape (…, 24)."""
-    beyond = N_SYSTEMS - values.shape[-1]
+    beyond = SYSTEM_COUNTS[0] - values.shape[-1]
     return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, beyond)])

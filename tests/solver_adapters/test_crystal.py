@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+from itertools import permutations, product
 from pathlib import Path
 
 import numpy as np
@@ -8,15 +9,16 @@ import pytest
 
 from solver_adapters.crystal import (
     BCC,
+    BCC48,
     FCC,
     N_110,
-    N_SYSTEMS,
     SystemTable,
     bunge_angles,
     bunge_matrix,
     rotation_vector_matrix,
     schmid_tensors,
     slip_systems,
+    system_count,
     table_fault,
 )
 
@@ -26,14 +28,14 @@ CODE_ASTER = Path(__file__).parents[1] / "data" / "solver" / "bcc24_slip_systems
 def test_the_systems_and_their_order_are_those_of_code_aster() -> None:
     with CODE_ASTER.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == N_SYSTEMS
+    assert len(rows) == len(BCC)
     directions, normals = slip_systems(BCC)
     for row, m, n in zip(rows, directions, normals, strict=True):
         for letter, found in (("m", m), ("n", n)):
             expected = np.array([float(row[f"{letter}{axis}"]) for axis in "123"])
             np.testing.assert_allclose(found, expected / np.linalg.norm(expected), atol=1e-15)
     families = [row["family"] for row in rows]
-    assert families == ["{110}<111>"] * N_110 + ["{112}<111>"] * (N_SYSTEMS - N_110)
+    assert families == ["{110}<111>"] * N_110 + ["{112}<111>"] * (len(BCC) - N_110)
 
 
 def test_slip_is_isochoric_and_its_schmid_tensors_have_unit_norm() -> None:
@@ -43,8 +45,8 @@ def test_slip_is_isochoric_and_its_schmid_tensors_have_unit_norm() -> None:
 
 
 def test_no_system_comes_twice() -> None:
-    schmid = schmid_tensors(BCC).reshape(N_SYSTEMS, 9)
-    alignment = abs(schmid @ schmid.T) - np.eye(N_SYSTEMS)
+    schmid = schmid_tensors(BCC).reshape(len(BCC), 9)
+    alignment = abs(schmid @ schmid.T) - np.eye(len(BCC))
     assert alignment.max() < 0.99
 
 
@@ -62,11 +64,40 @@ def test_the_systems_of_fcc_are_all_directions_110_in_all_planes_111() -> None:
     assert not schmid_tensors(FCC)[12:].any()
 
 
+def test_the_48_systems_of_bcc_are_all_directions_111_in_all_planes_110_112_123() -> None:
+    lines = [(1, 1, 1), (-1, 1, 1), (1, -1, 1), (1, 1, -1)]
+    start = 0
+    for a, b, c in ((0, 1, 1), (1, 1, 2), (1, 2, 3)):
+        planes = {
+            (i * x, j * y, k * z)
+            for x, y, z in permutations((a, b, c))
+            for i, j, k in product((1, -1), repeat=3)
+        }
+        half = [plane for plane in planes if plane > (0, 0, 0)]
+        pairs: SystemTable = tuple((n, m) for n in half for m in lines if np.dot(n, m) == 0)
+        end = start + len(pairs)
+        expected, found = (
+            schmid_tensors(table)[: len(pairs)].reshape(-1, 9)
+            for table in (pairs, BCC48[start:end])
+        )
+        alike = abs(expected @ found.T) > 1 - 1e-12
+        assert (alike.sum(axis=0) == 1).all() and (alike.sum(axis=1) == 1).all()
+        start = end
+    assert start == len(BCC48) == 48 and BCC48[:24] == BCC
+
+
+def test_arrays_hold_24_systems_or_48() -> None:
+    tables = (FCC, BCC, BCC48[:25], BCC48)
+    assert [system_count(table) for table in tables] == [24, 24, 48, 48]
+    assert [len(schmid_tensors(table)) for table in tables] == [24, 24, 48, 48]
+    assert not schmid_tensors(BCC48[:25])[25:].any()
+
+
 @pytest.mark.parametrize(
     ("table", "fault"),
     [
         ((), "0 systems"),
-        ((BCC + FCC), "36 systems"),
+        (3 * BCC, "72 systems"),
         ((((1, 1, 1), (1, 1, 0)),), "system 1 with a direction that does not lie in its plane"),
         ((((1, 1, 1), (0, 0, 0)),), "system 1 with a plane or a direction of length 0"),
         (
@@ -75,6 +106,7 @@ def test_the_systems_of_fcc_are_all_directions_110_in_all_planes_111() -> None:
         ),
         (BCC, None),
         (FCC, None),
+        (BCC48, None),
     ],
     ids=str,
 )

@@ -10,6 +10,8 @@ from typing import Any
 import numba
 import pytest
 
+from solver_adapters.bundled.law.gauss_points import kernels_for
+from solver_adapters.crystal import SYSTEM_COUNTS
 from solver_adapters.kernels import (
     KERNEL_SOURCES,
     PACKAGES,
@@ -41,12 +43,16 @@ def imported(source: Path) -> set[Path]:
     """The modules of `solver_adapters` that a source takes something from."""
     found = set()
     for node in ast.walk(ast.parse(source.read_text())):
-        if not isinstance(node, ast.ImportFrom) or node.module is None:
+        if not isinstance(node, ast.ImportFrom):
             continue
-        for name in (node.module, *(f"{node.module}.{alias.name}" for alias in node.names)):
-            path = PACKAGES / (name.replace(".", "/") + ".py")
-            if name.startswith("solver_adapters.") and path.is_file():
+        parts = [] if node.module is None else node.module.split(".")
+        start = source.parents[node.level - 1] if node.level else PACKAGES
+        base = start.joinpath(*parts)
+        for path in (base.with_suffix(".py"), *(base / f"{alias.name}.py" for alias in node.names)):
+            if path.is_file() and path.is_relative_to(PACKAGES / "solver_adapters"):
                 found.add(path)
+        if node.level and not parts:
+            found.add(base / "__init__.py")
     return found
 
 
@@ -61,6 +67,8 @@ def test_the_named_sources_are_those_of_kernels_and_all_that_these_import() -> N
         path = waiting.pop()
         reached.add(path)
         waiting |= imported(path) - reached
+    # It gives the kernels another number, and none of them imports it.
+    reached.add(PACKAGES / "solver_adapters/bundled/law/of_48/__init__.py")
     assert {path.relative_to(PACKAGES).as_posix() for path in reached} == set(KERNEL_SOURCES)
 
 
@@ -104,3 +112,12 @@ def test_a_first_use_is_one_whose_folder_holds_no_compiled_kernel(
     folder.mkdir(parents=True)
     (folder / "slip.nbi").touch()
     assert compiled_before()
+
+
+def test_kernels_of_a_file_that_is_loaded_under_two_names_lie_in_two_folders() -> None:
+    folder = kernels_folder()
+    assert folder is not None
+    of_24, of_48 = (Path(kernels_for(n).update_small._cache.cache_path) for n in SYSTEM_COUNTS)
+    assert of_24.parent == folder and of_48.parent == folder / "of_48"
+    config: Any = numba.config
+    assert config.CACHE_DIR == str(folder)

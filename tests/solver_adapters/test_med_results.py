@@ -1,5 +1,6 @@
 """A response as a MED result: read back, and on the mesh with its groups."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,12 @@ def test_a_response_is_read_back_at_all_instants_on_its_mesh(tmp_path: Path) -> 
     assert found["STRESS"].components == ("SIXX", "SIYY", "SIZZ", "SIYZ", "SIXZ", "SIXY")
     assert set(found["STRESS"].units) == {"MPa"}
     assert found["SLIP"].components[-1] == "S24"
+    of_48 = replace(cells, slip=rng.random((2, n, 48)), accumulated_slip=rng.random((2, n, 48)))
+    write_results(path, mesh, times, u, of_48)
+    found = read_med_fields(path)
+    for name, slips in (("SLIP", of_48.slip), ("ACCUMULATED_SLIP", of_48.accumulated_slip)):
+        assert found[name].components[-1] == "S48"
+        np.testing.assert_array_equal(found[name].values, slips)
 
 
 def test_a_response_is_written_in_med_4_0_as_h5py_alone_sees_it(tmp_path: Path) -> None:

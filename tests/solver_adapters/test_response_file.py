@@ -33,8 +33,16 @@ RESPONSE = Response(
 ORIGIN = Provenance("bar", "bar 1.0", "0123")
 
 
+OF_48 = replace(CELLS, slip=RNG.random((3, 7, 48)), accumulated_slip=RNG.random((3, 7, 48)))
+
+
 @pytest.mark.parametrize(
-    "response", [RESPONSE, replace(RESPONSE, cells=None, trajectory=None, seconds={})]
+    "response",
+    [
+        RESPONSE,
+        replace(RESPONSE, cells=None, trajectory=None, seconds={}),
+        replace(RESPONSE, cells=OF_48),
+    ],
 )
 def test_a_response_comes_back_as_it_was(tmp_path: Path, response: Response) -> None:
     path = tmp_path / "response.h5"

@@ -32,10 +32,11 @@ class SlipSteps:
     Attributes:
         face: the face.
         grain: grain of each cell of the face, shape (n_cells,).
-        slip: signed slip at the corners of the cells for each image, (T, n_cells, 3 or 4, 24).
-        normals: X, Y of the plane normals in the specimen frame, shape (n_grains, 24, 2).
-        rise: Z of the slip directions, shape (n_grains, 24).
-        phases: where the planes lie within their distance, shape (n_grains, 24).
+        slip: signed slip at the corners of the cells for each image,
+            (T, n_cells, 3 or 4, n_systems).
+        normals: X, Y of the plane normals in the specimen frame, shape (n_grains, n_systems, 2).
+        rise: Z of the slip directions, shape (n_grains, n_systems).
+        phases: where the planes lie within their distance, shape (n_grains, n_systems).
         spacing: distance of two planes [µm].
         resolution: standard deviation over which a step is rounded along the face [µm].
     """
@@ -86,7 +87,7 @@ def slip_steps(
     Args:
         mesh: the prism.
         face: its face TOP.
-        slip: signed slip of each cell of the prism, shape (T, n_cells, 24).
+        slip: signed slip of each cell of the prism, shape (T, n_cells, n_systems).
         orientations: crystal → specimen rotation of each grain, shape (n_grains, 3, 3).
         systems: the slip systems.
         spacing: distance of two slip planes [µm].

@@ -15,13 +15,14 @@ from scipy.spatial.transform import Rotation
 from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.problem import Problem
 from solver_adapters.bundled.fem.state import Instant
-from solver_adapters.bundled.law.law import NS, S_ACC
-
-WIDTHS = {"stress": 6, "slip": NS, "accumulated_slip": NS, "rotation": 3}
-"""Components of each field."""
 
 # XX, YY, ZZ, YZ, XZ, XY.
 _ROW, _COLUMN = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
+
+
+def widths(n_systems: int) -> dict[str, int]:
+    """Return the number of components of each field of so many slip systems."""
+    return {"stress": 6, "slip": n_systems, "accumulated_slip": n_systems, "rotation": 3}
 
 
 def cell_fields(problem: Problem, start: Instant, instant: Instant) -> dict[str, FloatArray]:
@@ -36,6 +37,7 @@ def cell_fields(problem: Problem, start: Instant, instant: Instant) -> dict[str,
         means over the undeformed volume of each cell, (n_cells, width).
     """
     points = problem.points
+    rows = points.layout
     rotation = points.rotation[points.frame_of]
     if points.strain_measure == "finite":
         stress = finite_stress(instant.P, instant.H, rotation)
@@ -48,7 +50,7 @@ def cell_fields(problem: Problem, start: Instant, instant: Instant) -> dict[str,
     fields = {
         "stress": stress[:, _ROW, _COLUMN],
         "slip": instant.slip,
-        "accumulated_slip": instant.state[:, S_ACC : S_ACC + NS],
+        "accumulated_slip": instant.state[:, rows.accumulated : rows.x2],
         "rotation": turned,
     }
     return {name: cell_means(values, problem.weights) for name, values in fields.items()}
@@ -82,9 +84,9 @@ def small_rotation(
 
     Args:
         H: displacement gradient times the crystal rotation, (n_points, 9).
-        slip: signed slip of each system, (n_points, 24).
+        slip: signed slip of each system, (n_points, n_systems).
         rotation: crystal → specimen rotation, (n_points, 3, 3).
-        schmid: Schmid tensors in crystal axes, (24, 3, 3).
+        schmid: Schmid tensors in crystal axes, (n_systems, 3, 3).
     """
     slipped = np.einsum("ps,sij->pij", slip, schmid)
     # In the crystal on the right: what is left of the displacement gradient without slip.

@@ -27,7 +27,6 @@ from solver_adapters.bundled.fem.initial import (
     skin_factor,
     surface_distance,
 )
-from solver_adapters.bundled.law.law import N_STATE, S_X2
 from solver_adapters.interface import Direction, Simulation
 from solver_adapters.material import TAU0_MODES
 
@@ -154,9 +153,8 @@ def _rest(
     second = material.c2 != 0.0 or any(
         "c2" in direction.material for direction in simulation.directions
     )
-    n_state = N_STATE if second else S_X2
     measure, systems = material.strain_measure, material.slip_systems
-    return initial_state(measure, systems, x0, eigenstrain, rotation, depth, n_state), skin
+    return initial_state(measure, systems, x0, eigenstrain, rotation, depth, second), skin
 
 
 def _modes_factor(simulation: Simulation, values: Mapping[str, Any], points: _Points) -> AnyArray:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from meshes.arrays import AnyArray
-from solver_adapters.bundled.law.law import N_STATE, NS, S_X, STRAIN_MODES
+from solver_adapters.bundled.law.law import STRAIN_MODES, StateLayout
 from solver_adapters.crystal import SystemTable, slip_systems
 from solver_adapters.interface import UnsupportedError
 from solver_adapters.material import StrainMeasure
@@ -33,7 +33,7 @@ def initial_state(
     eigenstrain: Any,
     rotation: AnyArray,
     depth: AnyArray,
-    n_state: int = N_STATE,
+    second: bool = True,
 ) -> AnyArray:
     """State of the Gauss points at rest.
 
@@ -47,16 +47,18 @@ def initial_state(
         eigenstrain: difference over the depth, see `Material`.
         rotation: crystal → specimen rotation of each point, (n_points, 3, 3).
         depth: how deep each point lies, in shares of the depth from the mean, (n_points,).
-        n_state: how much of the state is carried, see `law`.
+        second: whether the second back strains are carried.
 
     Returns:
-        (n_points, n_state), complex where an argument is.
+        (n_points, n_state) as of `law.StateLayout`, complex where an argument is.
     """
     m, n = slip_systems(systems)
+    rows = StateLayout(len(m))
     axis = rotation[:, 1]
     schmid = (axis @ m.T) * (axis @ n.T)
     strain = (eigenstrain * depth)[:, None, None] * _AXIAL
     strain = np.swapaxes(rotation, 1, 2) @ strain @ rotation
+    n_state = rows.size if second else rows.x2
     state = np.zeros((len(rotation), n_state), dtype=np.result_type(schmid, strain, x0))
     if strain_measure == "finite":
         inverse = np.eye(3) - strain
@@ -64,7 +66,7 @@ def initial_state(
         state[:, :9] = (inverse * volume ** (-1.0 / 3.0)).reshape(-1, 9)
     else:
         state[:, :5] = np.einsum("pij,kij->pk", strain, STRAIN_MODES[:5])
-    state[:, S_X : S_X + NS] = 2.0 * x0 * schmid
+    state[:, rows.x : rows.over] = 2.0 * x0 * schmid
     return state
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from meshes.arrays import FloatArray
-from solver_adapters.bundled.law.law import NS
+from solver_adapters.crystal import SYSTEM_COUNTS
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,7 +16,7 @@ class Increment:
 
     Attributes:
         du: displacement increment, (n_nodes, 3).
-        slips: slips of the step, (n_points, 24).
+        slips: slips of the step, (n_points, n_systems).
         motion: increment of the prescribed motion, (n_prescribed,).
         dt: length [s].
         near: what a nearby simulation did over that time [µm], (n_nodes, 3), null without one.
@@ -43,8 +43,8 @@ class Instant:
         dstate: derivative of the states, (n_points, n_derived, k); gone with the next step
             unless the instant is kept (`Stepper.keep`).
         dforce: derivative of the force, (k,).
-        slip: signed slip since the start, (n_points, 24), or (0, 24) where no cell fields are
-            wanted.
+        slip: signed slip since the start, (n_points, n_systems), or (0, n_systems) where no cell
+            fields are wanted.
         P: first Piola–Kirchhoff stress times the crystal rotations [MPa], (n_points, 9), or
             (0, 9) likewise.
     """
@@ -57,5 +57,5 @@ class Instant:
     du: FloatArray
     dstate: FloatArray
     dforce: FloatArray
-    slip: FloatArray = field(default_factory=lambda: np.zeros((0, NS)))
+    slip: FloatArray = field(default_factory=lambda: np.zeros((0, SYSTEM_COUNTS[0])))
     P: FloatArray = field(default_factory=lambda: np.zeros((0, 9)))

@@ -7,8 +7,21 @@ constants and history make at fixed H; and dFp⁰⁻¹ itself where it enters ou
 """
 
 from meshes.arrays import BoolArray, FloatArray, IntArray
-from solver_adapters.bundled.law import simd_rows, tensors
-from solver_adapters.bundled.law.finite_strain import (
+from solver_adapters.bundled.law import tensors
+from solver_adapters.bundled.law.law import P_A1, P_C11, P_C12, P_C44
+from solver_adapters.bundled.law.small_lu import solve
+from solver_adapters.bundled.law.tensors import (
+    NM,
+    cofactor,
+    cubic,
+    determinant_of,
+    over_modes,
+    to_modes,
+)
+from solver_adapters.kernels import kernel
+
+from . import NS, simd_rows
+from .finite_strain import (
     CONDENSED,
     CONJUGATE_SCHMID,
     CONJUGATE_STRESS,
@@ -48,9 +61,8 @@ from solver_adapters.bundled.law.finite_strain import (
     resolve,
     stress_change,
 )
-from solver_adapters.bundled.law.law import NS, P_A1, P_C11, P_C12, P_C44
-from solver_adapters.bundled.law.law_terms import non_schmid_derivative
-from solver_adapters.bundled.law.simd_rows import (
+from .law_terms import non_schmid_derivative
+from .simd_rows import (
     B_EXPLICIT,
     B_SLIP_END,
     B_STEP,
@@ -63,7 +75,7 @@ from solver_adapters.bundled.law.simd_rows import (
     sum8,
     sum9,
 )
-from solver_adapters.bundled.law.slip_derivatives import (
+from .slip_derivatives import (
     advance_constants,
     advance_states,
     explicit_derivative,
@@ -74,17 +86,7 @@ from solver_adapters.bundled.law.slip_derivatives import (
     slip_change,
     weigh_rows,
 )
-from solver_adapters.bundled.law.small_lu import solve
-from solver_adapters.bundled.law.tensors import (
-    NM,
-    cofactor,
-    cubic,
-    determinant_of,
-    over_modes,
-    to_modes,
-)
-from solver_adapters.bundled.law.workspace_layout import D_TAU, EXPLICIT, OTHER, SIGN, STEP
-from solver_adapters.kernels import kernel
+from .workspace_layout import D_TAU, EXPLICIT, OTHER, SIGN, STEP
 
 B_FP0 = B_SLIP_END  # derivative of Fp⁰⁻¹, 9
 B_GRADIENT = B_FP0 + 9 * LANES  # of H, with what dFp⁰⁻¹ and a turn of the crystal count as, 9
@@ -113,7 +115,7 @@ def _normalised(w: FloatArray, target: int, source: int) -> None:
 def response(
     w: FloatArray, p: FloatArray, coupled: bool, by_slip: FloatArray, by_state: FloatArray
 ) -> None:
-    """How slips (9, 24) and Fp⁻¹ (9, 9) of the step in the workspace follow H, and the matrices."""
+    """How slips (9, NS) and Fp⁻¹ (9, 9) of the step in the workspace follow H, and the matrices."""
     _fixed_tensors(w)
     modes_along_gradient(w, p)
     over_modes(w, TWO, SOFTENING, D_MODES, 9)

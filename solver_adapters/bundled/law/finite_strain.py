@@ -17,17 +17,7 @@ directions), the tangent (9) and a derivative (1).
 """
 
 from meshes.arrays import FloatArray
-from solver_adapters.bundled.law.law import NS, P_A1
-from solver_adapters.bundled.law.law_terms import driving_modes
-from solver_adapters.bundled.law.slip import (
-    advance_slips,
-    evaluate_systems,
-    is_sound,
-    load_point,
-    prepare_slip,
-    store_slips,
-    weigh_mode,
-)
+from solver_adapters.bundled.law.law import P_A1
 from solver_adapters.bundled.law.small_lu import factor, solve
 from solver_adapters.bundled.law.tensors import (
     NM,
@@ -40,7 +30,20 @@ from solver_adapters.bundled.law.tensors import (
     to_modes,
     to_tensors,
 )
-from solver_adapters.bundled.law.workspace_layout import (
+from solver_adapters.kernels import kernel
+
+from . import NS
+from .law_terms import driving_modes
+from .slip import (
+    advance_slips,
+    evaluate_systems,
+    is_sound,
+    load_point,
+    prepare_slip,
+    store_slips,
+    weigh_mode,
+)
+from .workspace_layout import (
     D_TAU,
     LOAD,
     N_SLIP_ROWS,
@@ -50,10 +53,9 @@ from solver_adapters.bundled.law.workspace_layout import (
     WEIGHT,
     WEIGHTED,
 )
-from solver_adapters.kernels import kernel
 
-SCHMID = N_SLIP_ROWS  # modes of m⊗n, 8 × 24
-CONJUGATE_SCHMID = SCHMID + NM * NS  # modes of the conjugate tensors, 8 × 24
+SCHMID = N_SLIP_ROWS  # modes of m⊗n, 8 × NS
+CONJUGATE_SCHMID = SCHMID + NM * NS  # modes of the conjugate tensors, 8 × NS
 DRIVING = CONJUGATE_SCHMID + NM * NS  # modes of the driving stress where it is not Schmid's
 FT = DRIVING + NM * NS  # F
 FP0 = FT + 9  # Fp⁰⁻¹
@@ -89,7 +91,7 @@ P_BY_A = UNLOADED + 9  # ∂P/∂A for the modes of A, 8 × 9
 STATE_BY_A = P_BY_A + 9 * NM  # derivative of Fp⁻¹ likewise, 8 × 9
 P_BY_H = STATE_BY_A + 9 * NM  # ∂P/∂H, the component of H first, 9 × 9
 STATE_BY_H = P_BY_H + 81  # derivative of Fp⁻¹ likewise, 9 × 9
-SLIP_BY_H = STATE_BY_H + 81  # ∂Δp/∂H likewise, 9 × 24
+SLIP_BY_H = STATE_BY_H + 81  # ∂Δp/∂H likewise, 9 × NS
 CONDENSED = SLIP_BY_H + 9 * NS  # (I + H·Y)⁻¹, 8 × 8
 DILATION = CONDENSED + NM * NM  # derivative of ln det(Fp⁰⁻¹·(I − A))/3, 9
 SCALE = DILATION + 9  # factor that gives Fp⁻¹ unit determinant, 1
@@ -104,7 +106,7 @@ def prepare(
     interaction: FloatArray,
     sense: FloatArray,
 ) -> None:
-    """Put what is constant into a fresh workspace: modes (8, 24), and tables."""
+    """Put what is constant into a fresh workspace: modes (8, NS), and tables."""
     prepare_slip(w, interaction, sense)
     for k in range(NM):
         for s in range(NS):
@@ -258,7 +260,7 @@ def update(
 ) -> int:
     """Solve a step at one point; returns the iterations, negative if there is no solution.
 
-    H: displacement gradient ∂u/∂X·R (9); R: crystal → specimen rotation (9); guess: S Δp (24).
+    H: displacement gradient ∂u/∂X·R (9); R: crystal → specimen rotation (9); guess: S Δp (NS).
     """
     load_point(w, state0, p, skin, dt, exponential, guess, most == 0)
     for i in range(9):

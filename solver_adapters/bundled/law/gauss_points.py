@@ -4,29 +4,38 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cached_property
+from importlib import import_module
+from types import ModuleType
 
 import numpy as np
 
 from meshes.arrays import BoolArray, FloatArray, IntArray
-from solver_adapters.bundled.law import point_kernels
 from solver_adapters.bundled.law.law import (
-    NS,
     P_A1,
     P_C2,
     P_LATENT,
     P_Q,
-    S_ACC,
     STRAIN_MODES,
+    StateLayout,
     SystemModes,
     local_parameters,
     system_modes,
 )
 from solver_adapters.constants import interaction_matrix
+from solver_adapters.crystal import SYSTEM_COUNTS
 from solver_adapters.interface import Integration
 from solver_adapters.material import Material, StrainMeasure
 
 # Parts in which the strain of a step is applied where the whole of it finds no solution.
 _CONTINUATION = 8
+
+
+_PACKAGES = dict(zip(SYSTEM_COUNTS, ("law", "law.of_48"), strict=True))
+
+
+def kernels_for(n_systems: int) -> ModuleType:
+    """Return `point_kernels` of so many slip systems, one of `SYSTEM_COUNTS`."""
+    return import_module(f"solver_adapters.bundled.{_PACKAGES[n_systems]}.point_kernels")
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +44,7 @@ class PointSolution:
 
     Attributes:
         state: states at its end, (n_points, n_state).
-        slips: slips S Δp of the step, (n_points, 24).
+        slips: slips S Δp of the step, (n_points, n_systems).
         P: first Piola–Kirchhoff stress times the crystal rotation [MPa], (n_points, 9).
         C: tangent ∂P/∂H, (n_points, 9, 9).
         iterations: negative where the law found no solution, (n_points,).
@@ -60,9 +69,10 @@ class PointDerivatives:
     Attributes:
         stress: derivative of P [MPa], (n_points, 9, k).
         state: derivative of the state, (n_points, `Points.n_derived`, k).
-        by_slip: ∂Δp/∂H, (n_points, 9, 24).
+        by_slip: ∂Δp/∂H, (n_points, 9, n_systems).
         by_state: ∂/∂H of the nine kinematic numbers, (n_points, 9, 9).
-        gains: derivative of x, S v, p and x2 of a system by its slip, (n_points, 4, 24), 0 at rest.
+        gains: derivative of x, S v, p and x2 of a system by its slip, (n_points, 4, n_systems), 0
+            at rest.
     """
 
     stress: FloatArray
@@ -73,7 +83,8 @@ class PointDerivatives:
 
     def follow(self, dH: FloatArray) -> None:
         """Add what a further dH (n_points, 9, k) changes to the state."""
-        point_kernels.follow(self.by_slip, self.by_state, self.gains, dH, self.state)
+        kernels = kernels_for(self.gains.shape[2])
+        kernels.follow(self.by_slip, self.by_state, self.gains, dH, self.state)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +127,7 @@ class Points:
         rotation: crystal → specimen rotations, shape (n_frames, 3, 3).
         skin: factor on τ0 of each point, shape (n_points,).
         systems: the slip systems.
-        interaction: interaction matrix, shape (24, 24).
+        interaction: interaction matrix, shape (n_systems, n_systems).
     """
 
     strain_measure: StrainMeasure
@@ -130,10 +141,20 @@ class Points:
     interaction: FloatArray
 
     @property
+    def n_systems(self) -> int:
+        """Number of slip systems, null ones included."""
+        return len(self.systems.tensors)
+
+    @property
+    def layout(self) -> StateLayout:
+        """Layout of the state of a point."""
+        return StateLayout(self.n_systems)
+
+    @property
     def coupled(self) -> bool:
         """Whether slip on one system hardens others."""
         latent = bool(np.any(self.local[:, P_LATENT]))
-        diagonal = np.array_equal(self.interaction, np.eye(NS))
+        diagonal = np.array_equal(self.interaction, np.eye(self.n_systems))
         return latent or (bool(np.any(self.local[:, P_Q])) and not diagonal)
 
     @property
@@ -144,7 +165,7 @@ class Points:
     def n_derived(self, n_state: int) -> int:
         """How many numbers of a state of `n_state` have derivatives that matter."""
         follows = bool(np.any(self.local[:, [P_Q, P_LATENT, P_C2]]))
-        return n_state if follows else S_ACC
+        return n_state if follows else self.layout.accumulated
 
     def frame(self, rotation: FloatArray) -> FloatArray:
         """Return what a kernel needs of rotations or their derivatives (..., 3, 3).
@@ -176,7 +197,7 @@ class Points:
         Args:
             H: displacement gradient times the crystal rotation, (n_points, 9).
             state0: state at the start, (n_points, n_state).
-            guess: slips of the step to start from, (n_points, 24).
+            guess: slips of the step to start from, (n_points, n_systems).
             dt: length of the step [s].
             H0: H at the start of the step, (n_points, 9), or None.
         """
@@ -204,10 +225,11 @@ class Points:
     ) -> PointSolution:
         H, state0, guess = H[which], state0[which], guess[which]
         n = H.shape[0]
-        state1, slips, P = np.empty_like(state0), np.empty((n, NS)), np.empty((n, 9))
+        state1, slips, P = np.empty_like(state0), np.empty((n, self.n_systems)), np.empty((n, 9))
         C, count = np.empty((n, 9, 9)), np.empty(n, dtype=np.int64)
         finite = self.strain_measure == "finite"
-        run = point_kernels.update_finite if finite else point_kernels.update_small
+        kernels = kernels_for(self.n_systems)
+        run = kernels.update_finite if finite else kernels.update_small
         run(
             self.grain[which],
             self.frame_of[which],
@@ -238,9 +260,9 @@ class Points:
         return PointDerivatives(
             np.empty((n, 9, k)),
             np.empty((n, n_derived, k)),
-            np.empty((n, 9, NS)),
+            np.empty((n, 9, self.n_systems)),
             np.empty((n, 9, 9)),
-            np.empty((n, 4, NS)),
+            np.empty((n, 4, self.n_systems)),
         )
 
     def derive(
@@ -258,14 +280,15 @@ class Points:
         Args:
             H: as in `update`.
             state0: as in `update`.
-            slips: converged slips of the step, (n_points, 24).
+            slips: converged slips of the step, (n_points, n_systems).
             dt: as in `update`.
             dH: derivative of H, (n_points, 9, k).
             tangents: derivative of the law.
             out: filled; its state is that at the start, and becomes that at the end.
         """
         finite = self.strain_measure == "finite"
-        run = point_kernels.derive_finite if finite else point_kernels.derive_small
+        kernels = kernels_for(self.n_systems)
+        run = kernels.derive_finite if finite else kernels.derive_small
         run(
             self.grain,
             self.frame_of,

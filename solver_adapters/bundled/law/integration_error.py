@@ -17,20 +17,7 @@ import numpy as np
 
 from meshes.arrays import FloatArray
 from solver_adapters.bundled.law.gauss_points import Points
-from solver_adapters.bundled.law.law import (
-    NS,
-    P_C,
-    P_C2,
-    P_C44,
-    P_D,
-    P_D2,
-    P_K,
-    P_N,
-    S_OVER,
-    S_X,
-    S_X2,
-    SLIP_AT_REST,
-)
+from solver_adapters.bundled.law.law import P_C, P_C2, P_C44, P_D, P_D2, P_K, P_N, SLIP_AT_REST
 
 _LEAST_POWER = 0.5  # of n − 1, below which the second tangent is none
 
@@ -43,15 +30,17 @@ def stress_error(
     Args:
         points: the law.
         state0: state at the start of the step, (n_points, n_state).
-        slips: slips of the step, (n_points, 24).
+        slips: slips of the step, (n_points, n_systems).
         dH: change of the displacement gradient in the step, (n_points, 9).
         dt: length of the step [s].
     """
     p = points.local[points.grain]
     K, n, c, d = (p[:, [index]] for index in (P_K, P_N, P_C, P_D))
     slip, sign = np.abs(slips), np.sign(slips)
+    rows = points.layout
+    over_start = state0[:, rows.over : rows.accumulated]
     moved = slip > SLIP_AT_REST
-    over0 = np.maximum(sign * state0[:, S_OVER : S_OVER + NS], 0.0)
+    over0 = np.maximum(sign * over_start, 0.0)
     mean = K * (np.where(moved, slip, dt) / dt) ** (1.0 / n)
     falls = moved & (mean < over0)
     rises = moved & ~falls
@@ -60,16 +49,16 @@ def stress_error(
     start = np.minimum(over0 / np.maximum(mean, 1e-300), 1.0) ** n
     error += np.where(rises, mean * ((2.0 - start) ** (1.0 / n) - 1.0), 0.0)
     if not points.exponential:
-        error += c * _path_error(sign * state0[:, S_X : S_X + NS], slip, d)
-        if state0.shape[1] > S_X2:
-            second = _path_error(sign * state0[:, S_X2:], slip, p[:, [P_D2]])
+        error += c * _path_error(sign * state0[:, rows.x : rows.over], slip, d)
+        if state0.shape[1] > rows.x2:
+            second = _path_error(sign * state0[:, rows.x2 :], slip, p[:, [P_D2]])
             error += p[:, [P_C2]] * second
         error += np.where(falls, mean - _relaxed(mean, over0, n), 0.0)
     total = slip.sum(axis=1)
     share = np.einsum("ps,ps->p", slip, error) / np.maximum(total, SLIP_AT_REST)
     modulus = p[:, P_C44]
     unloading = modulus * np.linalg.norm(dH, axis=1)
-    stops = np.where(moved, 0.0, abs(state0[:, S_OVER : S_OVER + NS]))
+    stops = np.where(moved, 0.0, abs(over_start))
     missed = dt * (stops / K) ** n * stops / ((n + 1.0) * (stops + unloading[:, None] + 1e-12))
     # Axial stress is about twice the resolved shear stress.
     return np.asarray(2.0 * (share + modulus * missed.sum(axis=1)))

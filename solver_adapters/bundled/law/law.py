@@ -1,4 +1,4 @@
-"""The crystal law at one Gauss point: constants, layout of parameters and state, local packing.
+"""The crystal law at one Gauss point: constants, layout of parameters, local packing.
 
 Over a step of length Δt each active system s slips by Δγ_s = S_s Δp_s, Δp_s > 0, and satisfies,
 with everything at the end of the step (stress form),
@@ -31,18 +31,9 @@ import numpy as np
 
 from meshes.arrays import FloatArray
 from solver_adapters.constants import elastic_constants, grain_ratios
-from solver_adapters.crystal import (
-    BCC,
-    N_110,
-    N_SYSTEMS,
-    SystemTable,
-    schmid_tensors,
-    slip_systems,
-)
+from solver_adapters.crystal import BCC, N_110, SystemTable, schmid_tensors, slip_systems
 from solver_adapters.later_grains import later_grain
 from solver_adapters.material import Material
-
-NS = N_SYSTEMS
 
 # Local parameters of a grain.
 P_C11, P_C12, P_C44, P_K, P_N, P_C, P_D, P_Q, P_B, P_TAU110, P_TAU112 = range(11)
@@ -51,16 +42,6 @@ P_ASYMMETRY = 11
 # P_LATENT: what slip on one system hardens every other one by [MPa].
 P_A1, P_LATENT, P_C2, P_D2 = 12, 13, 14, 15
 N_LOCAL = 16
-
-# State of a point: nine kinematic numbers (small strain: five deviatoric modes of the plastic
-# strain; finite strain: Fp⁻¹ row by row), back strains x, signed overstresses S v at the end of
-# the last step, accumulated slips p, second back strains. What comes last can be left out of
-# derivatives where it has no effect.
-S_X = 9
-S_OVER = S_X + NS
-S_ACC = S_OVER + NS
-S_X2 = S_ACC + NS
-N_STATE = S_X2 + NS
 
 # Slip below which a system counts as at rest.
 SLIP_AT_REST = 1e-15
@@ -93,6 +74,47 @@ SLIP_MODES = np.concatenate([STRAIN_MODES[:5], _SPIN_MODES])
 FIRST_112 = N_110
 
 
+@dataclass(frozen=True)
+class StateLayout:
+    """Where the parts of the state of a point begin.
+
+    Nine kinematic numbers (small strain: five deviatoric modes of the plastic strain; finite
+    strain: Fp⁻¹ row by row), back strains x, signed overstresses S v at the end of the last step,
+    accumulated slips p, second back strains. What comes last can be left out of derivatives where
+    it has no effect.
+
+    Attributes:
+        n_systems: number of slip systems.
+    """
+
+    n_systems: int
+
+    @property
+    def x(self) -> int:
+        """Back strains."""
+        return 9
+
+    @property
+    def over(self) -> int:
+        """Signed overstresses."""
+        return self.x + self.n_systems
+
+    @property
+    def accumulated(self) -> int:
+        """Accumulated slips."""
+        return self.over + self.n_systems
+
+    @property
+    def x2(self) -> int:
+        """Second back strains."""
+        return self.accumulated + self.n_systems
+
+    @property
+    def size(self) -> int:
+        """Numbers of a whole state."""
+        return self.x2 + self.n_systems
+
+
 @dataclass(frozen=True, eq=False)
 class SystemModes:
     """Slip systems as kernels take them, tensors in `SLIP_MODES`, mode first.
@@ -100,11 +122,12 @@ class SystemModes:
     Small strain needs the first five modes.
 
     Attributes:
-        tensors: Schmid tensors in crystal axes, shape (24, 3, 3).
-        schmid: the same in modes, shape (8, 24).
-        conjugate: tensors of the conjugate {110} planes, null for other systems, shape (8, 24).
+        tensors: Schmid tensors in crystal axes, shape (n_systems, 3, 3).
+        schmid: the same in modes, shape (8, n_systems).
+        conjugate: tensors of the conjugate {110} planes, null for other systems,
+            shape (8, n_systems).
         sense: +1 where positive slip shears a {112} system in the twinning sense, −1 against, 0 for
-            other systems, shape (24,).
+            other systems, shape (n_systems,).
     """
 
     tensors: FloatArray
@@ -116,7 +139,8 @@ class SystemModes:
 @cache
 def system_modes(table: SystemTable) -> SystemModes:
     """Return the slip systems of a table as kernels take them."""
-    conjugate, sense = np.zeros((N_SYSTEMS, 3, 3)), np.zeros(N_SYSTEMS)
+    tensors = schmid_tensors(table)
+    conjugate, sense = np.zeros_like(tensors), np.zeros(len(tensors))
     if table == BCC:
         m, n = slip_systems(table)
         # The {110} plane 60° away from n has the normal n/2 + S √3/2 (m × n) for slip of sign S:
@@ -124,7 +148,6 @@ def system_modes(table: SystemTable) -> SystemModes:
         across = np.sqrt(0.75) * np.einsum("si,sj->sij", m, np.cross(m, n))
         conjugate[:FIRST_112] = across[:FIRST_112]
         sense[FIRST_112:] = np.sign(np.prod(m * n, axis=1))[FIRST_112:]
-    tensors = schmid_tensors(table)
     return SystemModes(tensors, _in_modes(tensors), _in_modes(conjugate), sense)
 
 

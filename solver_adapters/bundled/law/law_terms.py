@@ -9,7 +9,6 @@ from solver_adapters.bundled.law.back_strain import gained, growth, recall_slope
 from solver_adapters.bundled.law.fast_math import decay
 from solver_adapters.bundled.law.law import (
     FIRST_112,
-    NS,
     P_A1,
     P_B,
     P_C2,
@@ -18,7 +17,10 @@ from solver_adapters.bundled.law.law import (
     P_Q,
     SLIP_AT_REST,
 )
-from solver_adapters.bundled.law.workspace_layout import (
+from solver_adapters.kernels import kernel
+
+from . import NS
+from .workspace_layout import (
     ACC0,
     COUPLED,
     EXPLICIT,
@@ -35,7 +37,6 @@ from solver_adapters.bundled.law.workspace_layout import (
     X2HAT,
     X20,
 )
-from solver_adapters.kernels import kernel
 
 
 @kernel
@@ -101,7 +102,7 @@ def schmid_factor(p: FloatArray) -> float:
 def driving_modes(
     w: FloatArray, p: FloatArray, schmid: int, conjugate: int, target: int, count: int
 ) -> None:
-    """Tensors whose product with the stress drives slip, in modes (count, 24), at SIGN."""
+    """Tensors whose product with the stress drives slip, in modes (count, NS), at SIGN."""
     for k in range(count):
         for s in range(NS):
             scale = schmid_factor(p) if s < FIRST_112 else 1.0

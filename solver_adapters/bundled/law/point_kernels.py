@@ -4,16 +4,18 @@ import numpy as np
 from numba import prange
 
 from meshes.arrays import BoolArray, FloatArray, IntArray
-from solver_adapters.bundled.law import (
+from solver_adapters.kernels import batch_kernel, kernel
+
+from . import (
+    NS,
     finite_derivative,
     finite_strain,
     slip_derivatives,
     small_derivative,
     small_strain,
 )
-from solver_adapters.bundled.law.law import NS, S_X
-from solver_adapters.bundled.law.simd_rows import LANES
-from solver_adapters.kernels import batch_kernel, kernel
+from .simd_rows import LANES
+from .state_layout import S_X
 
 # Slip by which a solved system may be wrong.
 SLIP_TOLERANCE = 1e-13
@@ -320,9 +322,9 @@ def follow(
     """Add to derivatives of the state what a further change of the gradients makes.
 
     Args:
-        by_slip: ∂Δp/∂H, (n_points, 9, 24).
+        by_slip: ∂Δp/∂H, (n_points, 9, NS).
         by_state: derivative of the nine kinematic numbers, (n_points, 9, 9).
-        gains: derivative of x, S v, p and x2 of a system by its slip, (n_points, 4, 24), 0 at rest.
+        gains: derivative of x, S v, p and x2 of a system by its slip, (n_points, 4, NS), 0 at rest.
         dH: (n_points, 9, k).
         dstate: (n_points, n, k), added to.
     """

@@ -7,8 +7,9 @@ no direction moves, is passed over for all of them.
 """
 
 from meshes.arrays import FloatArray
-from solver_adapters.bundled.law.law import NS
 from solver_adapters.kernels import kernel
+
+from . import NS
 
 LANES = 32
 

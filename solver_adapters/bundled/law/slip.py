@@ -1,4 +1,4 @@
-"""The 24 scalar equations of a Gauss point: evaluation and Newton update.
+"""The scalar equations of a Gauss point, one a slip system: evaluation and Newton update.
 
 The terms of the general law stand in `law_terms`.
 """
@@ -10,7 +10,6 @@ from solver_adapters.bundled.law.back_strain import gained, growth, share_left
 from solver_adapters.bundled.law.fast_math import decay, fast_exp, fast_log
 from solver_adapters.bundled.law.law import (
     FIRST_112,
-    NS,
     P_A1,
     P_ASYMMETRY,
     P_C,
@@ -20,17 +19,17 @@ from solver_adapters.bundled.law.law import (
     P_N,
     P_TAU110,
     P_TAU112,
-    S_ACC,
-    S_OVER,
-    S_X,
-    S_X2,
     SLIP_AT_REST,
     SLIP_START,
 )
-from solver_adapters.bundled.law.law_terms import harden, hardens, non_schmid, second_back_stress
 from solver_adapters.bundled.law.relaxation import near_fall, rate_ratio, rate_slope
 from solver_adapters.bundled.law.small_lu import factor, solve
-from solver_adapters.bundled.law.workspace_layout import (
+from solver_adapters.kernels import kernel
+
+from . import NS
+from .law_terms import harden, hardens, non_schmid, second_back_stress
+from .state_layout import S_ACC, S_OVER, S_X, S_X2
+from .workspace_layout import (
     ACC0,
     AHEAD,
     ASYMMETRY,
@@ -66,7 +65,6 @@ from solver_adapters.bundled.law.workspace_layout import (
     X20,
     XHAT,
 )
-from solver_adapters.kernels import kernel
 
 # Of numbers from 64 on: more than every system starting at once.
 _EXPONENT_OF_64 = 1029
@@ -74,7 +72,7 @@ _EXPONENT_OF_64 = 1029
 
 @kernel
 def prepare_slip(w: FloatArray, interaction: FloatArray, sense: FloatArray) -> None:
-    """Put interaction matrix (24, 24) and twinning senses (24) into a fresh workspace."""
+    """Put interaction matrix (NS, NS) and twinning senses (NS) into a fresh workspace."""
     for s in range(NS):
         w[SENSE + s] = sense[s]
         for r in range(NS):

@@ -10,7 +10,6 @@ from solver_adapters.bundled.law.back_strain import growth, recall_slope, share_
 from solver_adapters.bundled.law.fast_math import decay, fast_log
 from solver_adapters.bundled.law.law import (
     FIRST_112,
-    NS,
     P_ASYMMETRY,
     P_B,
     P_C,
@@ -21,21 +20,21 @@ from solver_adapters.bundled.law.law import (
     P_N,
     P_TAU110,
     P_TAU112,
-    S_ACC,
-    S_OVER,
-    S_X,
-    S_X2,
 )
-from solver_adapters.bundled.law.law_terms import (
+from solver_adapters.bundled.law.relaxation import rate_change
+from solver_adapters.kernels import kernel
+
+from . import NS
+from .law_terms import (
     hardening_derivative,
     hardens,
     modulus_of,
     second_back_stress_derivative,
 )
-from solver_adapters.bundled.law.relaxation import rate_change
-from solver_adapters.bundled.law.simd_rows import B_EXPLICIT, B_OVER, B_STEP, LANES, bounded, clear
-from solver_adapters.bundled.law.slip import weigh_residual
-from solver_adapters.bundled.law.workspace_layout import (
+from .simd_rows import B_EXPLICIT, B_OVER, B_STEP, LANES, bounded, clear
+from .slip import weigh_residual
+from .state_layout import S_ACC, S_OVER, S_X, S_X2
+from .workspace_layout import (
     ACC0,
     D_OVER,
     D_TAU,
@@ -63,7 +62,6 @@ from solver_adapters.bundled.law.workspace_layout import (
     X20,
     XHAT,
 )
-from solver_adapters.kernels import kernel
 
 
 @kernel
@@ -196,7 +194,7 @@ def project_rows(
     w: FloatArray, b: FloatArray, schmid: int, target: int, modes: int, moving: IntArray,
     count: int, width: int,
 ) -> None:  # fmt: skip
-    """Set rows of modes to Σ S B_STEP P, with the modes (modes, 24) of the Schmid tensors."""
+    """Set rows of modes to Σ S B_STEP P, with the modes (modes, NS) of the Schmid tensors."""
     target, count, width = bounded(target), bounded(count), bounded(width)
     clear(b, target, modes, width)
     for a in range(count):
@@ -257,7 +255,7 @@ def slip_change(w: FloatArray, coupled: bool) -> None:
 
 @kernel
 def slip_gains(w: FloatArray, p: FloatArray, exponential: bool, gains: FloatArray) -> None:
-    """How the state of each system follows its slip (4, 24): x, S v, p, x2; 0 at rest."""
+    """How the state of each system follows its slip (4, NS): x, S v, p, x2; 0 at rest."""
     second = w[HAS_SECOND] != 0.0
     for s in range(NS):
         moves = 1.0 if w[WEIGHT + s] != 0.0 else 0.0

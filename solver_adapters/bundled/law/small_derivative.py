@@ -5,9 +5,13 @@ condensed system; `response` prepares its inverse.
 """
 
 from meshes.arrays import BoolArray, FloatArray, IntArray
-from solver_adapters.bundled.law.law import NS, P_A1, P_C11, P_C12, P_C44
-from solver_adapters.bundled.law.law_terms import non_schmid_derivative
-from solver_adapters.bundled.law.simd_rows import (
+from solver_adapters.bundled.law.law import P_A1, P_C11, P_C12, P_C44
+from solver_adapters.bundled.law.small_lu import solve
+from solver_adapters.kernels import kernel
+
+from . import NS
+from .law_terms import non_schmid_derivative
+from .simd_rows import (
     B_EXPLICIT,
     B_SLIP_END,
     LANES,
@@ -18,7 +22,7 @@ from solver_adapters.bundled.law.simd_rows import (
     sum5,
     sum9,
 )
-from solver_adapters.bundled.law.slip_derivatives import (
+from .slip_derivatives import (
     advance_constants,
     advance_states,
     explicit_derivative,
@@ -29,8 +33,7 @@ from solver_adapters.bundled.law.slip_derivatives import (
     slip_change,
     weigh_rows,
 )
-from solver_adapters.bundled.law.small_lu import solve
-from solver_adapters.bundled.law.small_strain import (
+from .small_strain import (
     CHANGE,
     CONJUGATE_SCHMID,
     DRIVING,
@@ -47,8 +50,7 @@ from solver_adapters.bundled.law.small_strain import (
     resolve,
     strain_modes,
 )
-from solver_adapters.bundled.law.workspace_layout import D_TAU, EXPLICIT, OTHER, SIGN, STEP
-from solver_adapters.kernels import kernel
+from .workspace_layout import D_TAU, EXPLICIT, OTHER, SIGN, STEP
 
 B_H = B_SLIP_END  # derivative of H, 9
 B_TRIAL = B_H + 9 * LANES  # of e* and the trace mode, 6
@@ -67,7 +69,7 @@ def response(
     by_slip: FloatArray,
     by_state: FloatArray,
 ) -> None:
-    """How slips (9, 24) and kinematic state (9, 9) of the step in the workspace follow H."""
+    """How slips (9, NS) and kinematic state (9, 9) of the step in the workspace follow H."""
     for k in range(25):
         w[ROWS + k] = 0.0
     for k in range(5):

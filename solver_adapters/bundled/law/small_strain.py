@@ -3,7 +3,7 @@
 Steps of an update (modes: the orthonormal tensors in which cubic elasticity is diagonal):
 1. trial modes e* = V·H − ep⁰, V the modes turned into the specimen, H the displacement gradient;
 2. stress modes σ = μ (e* − Σ S Δp P), resolved shear stresses τ = P·σ;
-3. the 24 residuals, linearised in Δp and condensed to (1/μ + Σ w P Pᵀ) δσ = −Σ S w f P (5 × 5);
+3. their residuals, linearised in Δp and condensed to (1/μ + Σ w P Pᵀ) δσ = −Σ S w f P (5 × 5);
 4. slips updated from δσ; 2–4 repeated until the residuals ask for no more slip;
 5. consistent tangent (1/μ + Σ w P Pᵀ)⁻¹ in the same modes.
 With a non-Schmid term the second P is that of the driving stress; with latent hardening w is a
@@ -11,9 +11,13 @@ matrix. Both make the condensed system unsymmetric.
 """
 
 from meshes.arrays import FloatArray
-from solver_adapters.bundled.law.law import NS, P_A1, P_C11, P_C12, P_C44
-from solver_adapters.bundled.law.law_terms import driving_modes
-from solver_adapters.bundled.law.slip import (
+from solver_adapters.bundled.law.law import P_A1, P_C11, P_C12, P_C44
+from solver_adapters.bundled.law.small_lu import factor, solve
+from solver_adapters.kernels import kernel
+
+from . import NS
+from .law_terms import driving_modes
+from .slip import (
     advance_slips,
     evaluate_systems,
     is_sound,
@@ -22,8 +26,7 @@ from solver_adapters.bundled.law.slip import (
     store_slips,
     weigh_mode,
 )
-from solver_adapters.bundled.law.small_lu import factor, solve
-from solver_adapters.bundled.law.workspace_layout import (
+from .workspace_layout import (
     D_TAU,
     LOAD,
     N_SLIP_ROWS,
@@ -33,11 +36,10 @@ from solver_adapters.bundled.law.workspace_layout import (
     WEIGHT,
     WEIGHTED,
 )
-from solver_adapters.kernels import kernel
 
-SCHMID = N_SLIP_ROWS  # modes of the Schmid tensors, 5 × 24
-CONJUGATE_SCHMID = SCHMID + 5 * NS  # modes of the conjugate tensors, 5 × 24
-DRIVING = CONJUGATE_SCHMID + 5 * NS  # modes of the driving stress, 5 × 24, where it is not Schmid's
+SCHMID = N_SLIP_ROWS  # modes of the Schmid tensors, 5 × NS
+CONJUGATE_SCHMID = SCHMID + 5 * NS  # modes of the conjugate tensors, 5 × NS
+DRIVING = CONJUGATE_SCHMID + 5 * NS  # modes of the driving stress, 5 × NS, where it is not Schmid's
 TRIAL = DRIVING + 5 * NS  # e* and the trace mode, 6
 ELASTIC = TRIAL + 6  # elastic strain modes, 5
 STRESS = ELASTIC + 5  # stress modes, 5
@@ -58,7 +60,7 @@ def prepare(
     interaction: FloatArray,
     sense: FloatArray,
 ) -> None:
-    """Put what is constant into a fresh workspace: the first five of modes (8, 24), and tables."""
+    """Put what is constant into a fresh workspace: the first five of modes (8, NS), and tables."""
     prepare_slip(w, interaction, sense)
     for k in range(5):
         for s in range(NS):
@@ -221,7 +223,7 @@ def update(
 ) -> int:
     """Solve a step at one point; returns the iterations, negative if it did not converge.
 
-    H: displacement gradient ∂u/∂x·R (9); V: modes times R (6, 9); guess: S Δp (24).
+    H: displacement gradient ∂u/∂x·R (9); V: modes times R (6, 9); guess: S Δp (NS).
     """
     mu0 = p[P_C11] - p[P_C12]
     mu1 = 2.0 * p[P_C44]

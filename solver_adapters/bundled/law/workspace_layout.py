@@ -5,9 +5,9 @@ the rows do not overlap and vectorises the loops over systems. It does so where 
 a short body is unrolled first and then stays scalar, hence sums over systems in one loop each.
 """
 
-from solver_adapters.bundled.law.law import NS
+from . import NS
 
-# Rows of 24 numbers each but where said.
+# Rows of NS numbers each but where said.
 SIGN = 0 * NS  # S_s
 SLIP = 1 * NS  # Δp_s
 X0 = 2 * NS  # x_s at the start of the step
@@ -48,7 +48,7 @@ LOG_RATIO = 36 * NS  # ln(Δp/SLIP0) of a system that begins to relax
 AHEAD = 37 * NS  # residual after the change of τ at fixed Δp
 OVER_CHANGE = 38 * NS  # the part of D_OVER that K and n make
 LEFT2 = 39 * NS  # share of the second back strain that the step leaves
-INTERACTION = 40 * NS  # h, 24 × 24
+INTERACTION = 40 * NS  # h, NS × NS
 COUPLED = INTERACTION + NS * NS  # −∂residual/∂Δp with its off-diagonal terms, then its factors
 WEIGHTS = COUPLED + NS * NS  # its inverse, null for systems at rest
 SENSE = WEIGHTS + NS * NS  # +1 where positive slip is in the twinning sense, −1 against it

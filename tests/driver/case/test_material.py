@@ -7,7 +7,7 @@ import pytest
 
 from driver.case.material import MaterialTable
 from solver_adapters.constants import interaction_matrix
-from solver_adapters.crystal import BCC, FCC
+from solver_adapters.crystal import BCC, BCC48, FCC
 from solver_adapters.interaction import bcc24_classes
 from solver_adapters.material import MATERIAL_DECLARATIONS, OF_BCC, Material
 from tests.driver.case.tables import refused
@@ -93,6 +93,10 @@ def test_whatever_a_fit_may_find_may_be_stated() -> None:
 def test_slip_systems_are_those_of_a_crystal_by_name_or_a_table() -> None:
     assert read("").to_material().slip_systems == BCC
     assert read('slip_systems = "fcc"').to_material().slip_systems == FCC
+    assert read('slip_systems = "bcc48"').to_material().slip_systems == BCC48
+    listed = [[list(plane), list(direction)] for plane, direction in BCC]
+    of_own = read(f"slip_systems = {listed}").to_material()
+    assert of_own == read("").to_material()
     own = read("slip_systems = [[[1, 1, 1], [0, 1, -1]], [[1, 1, 1], [1, -1, 0]]]")
     assert own.to_material().slip_systems == (((1, 1, 1), (0, 1, -1)), ((1, 1, 1), (1, -1, 0)))
 
@@ -113,7 +117,7 @@ def test_slip_systems_are_those_of_a_crystal_by_name_or_a_table() -> None:
 )
 def test_what_are_no_slip_systems_is_refused_with_what_would_be(systems: object) -> None:
     key, expected = refused(MaterialTable, slip_systems=systems)
-    assert key == "slip_systems" and expected.startswith('"bcc", "fcc", or 1 to 24 systems [[')
+    assert key == "slip_systems" and expected.startswith('"bcc", "bcc48", "fcc", or 1 to 48 ')
 
 
 @pytest.mark.parametrize("name", sorted(OF_BCC))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 from driver.case.model import Case, default_case
 from driver.diagnosis.causes.grain_causes import library
 from driver.diagnosis.statistics.screening import screened
+from driver.experiment.orientations import orientations_of
 from driver.forward.build import (
     adapter_of,
     another_mesh_of,
@@ -30,13 +32,15 @@ from meshes.files import write_med
 from meshes.prism import CellKind, PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.calculix.adapter import CalculixAdapter
 from solver_adapters.crystal import bunge_matrix
 from solver_adapters.interface import Capabilities
 from solver_adapters.material import Material
 from tests.meshes.gmsh_files import BOUNDARY, gmsh_prism
 from tests.meshes.user_files import gmsh_bar
 from tests.solver_adapters.bundled.bars import STRAINS, TIMES, flat_ended
-from tools.boxes import uniaxial
+from tests.solver_adapters.calculix.runs import OCTAHEDRAL, needs_ccx
+from tools.boxes import pulled, uniaxial
 
 PIXELS = np.stack(np.meshgrid([-1.5, 0.0, 1.5], [2.0, 6.0, 10.0]), axis=-1).reshape(-1, 2)
 SOLVER: Capabilities = BundledAdapter().capabilities()
@@ -119,6 +123,34 @@ def test_a_bar_by_gmsh_in_uniform_tension_carries_its_section_times_the_stress_o
     of_one = BundledAdapter().solve(uniaxial(material, rotation, TIMES, STRAINS)).force
     assert case.section == pytest.approx(12.0)
     np.testing.assert_allclose(force, 12.0 * of_one, rtol=1e-6, atol=1e-5)
+
+
+@needs_ccx
+@pytest.mark.parametrize("kind", ["tet10", pytest.param("hex20", marks=pytest.mark.slow)])
+def test_calculix_answers_on_a_mesh_of_the_users_own_as_the_bundled_solver(
+    tmp_path: Path, kind: CellKind
+) -> None:
+    """A prism of tetrahedra and a bar of hexahedra by gmsh, at the steps that CalculiX took."""
+    if kind == "tet10":
+        gmsh_prism(tmp_path / "specimen.msh")
+    else:
+        gmsh_bar(tmp_path / "specimen.msh", 1, hexahedra=True)
+    length = default_case().specimen.length if kind == "tet10" else 8.0
+    case = case_of(tmp_path / "specimen.msh", length_um=length)
+    mesh = mesh_of(case, case.specimen.mesh_size)
+    assert mesh.cells.shape[1] == int(kind[3:]) and set(mesh.grain) == {0, 1}
+    asked = pulled(mesh, OCTAHEDRAL, tuple(np.linspace(0.0, 0.002, 21)[1:]), 0.25)
+    asked = replace(
+        asked,
+        orientations=orientations_of(case),
+        integration="backward_euler",
+    )
+    found = CalculixAdapter().solve(asked, tmp_path / "jobs")
+    expected = BundledAdapter().solve(replace(asked, steps=found.ends))
+    flowed = abs(np.diff(found.force[-2:]) / np.diff(found.force[:2]))
+    assert found.cuts == 0 and flowed < 0.5
+    assert abs(found.force - expected.force).max() < 1e-4 * abs(expected.force).max()
+    assert abs(found.displacement - expected.displacement).max() < 1e-5  # µm
 
 
 @cache

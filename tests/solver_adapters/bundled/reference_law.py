@@ -29,25 +29,21 @@ from solver_adapters.bundled.law.law import (
     P_Q,
     P_TAU110,
     P_TAU112,
-    S_ACC,
-    S_OVER,
-    S_X,
-    S_X2,
     STRAIN_MODES,
+    StateLayout,
 )
-from solver_adapters.crystal import BCC, schmid_tensors, slip_systems
+from solver_adapters.crystal import BCC, SystemTable, schmid_tensors, slip_systems
 
 AnyArray = NDArray[Any]
-SCHMID = schmid_tensors(BCC)
-DIRECTIONS, NORMALS = slip_systems(BCC)
 COMPLEX_STEP = 1e-30
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
     """A step of one point: displacement gradient H (3, 3), crystal rotation R (3, 3), constants
-    (16,), state at the start (105,), length dt [s], factor on τ0, interaction matrix (24, 24);
-    whatever is complex is differentiated.
+    (16,), state at the start (105,), length dt [s], factor on τ0, interaction matrix (24, 24),
+    slip systems (of more than 24, state and matrix are larger); whatever is complex is
+    differentiated.
     """
 
     strain_measure: str
@@ -59,6 +55,17 @@ class Step:
     exponential: bool = False
     skin: Any = 1.0
     interaction: AnyArray = field(default_factory=lambda: np.eye(24))
+    systems: SystemTable = BCC
+
+    @property
+    def n(self) -> int:
+        """Number of slip systems."""
+        return len(self.interaction)
+
+    def of_state(self, part: str) -> AnyArray:
+        """Numbers of each system in the state: x, over, accumulated or x2."""
+        start = getattr(StateLayout(self.n), part)
+        return self.state[start : start + self.n]
 
 
 def cubic_stress(strain: AnyArray, p: AnyArray) -> AnyArray:
@@ -71,7 +78,7 @@ def cubic_stress(strain: AnyArray, p: AnyArray) -> AnyArray:
 
 def elastic_response(step: Step, slip: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
     """First Piola–Kirchhoff stress (3, 3), stress that drives slip (3, 3), kinematic state (9,)."""
-    gradient = np.einsum("s,sij->ij", slip, SCHMID)
+    gradient = np.einsum("s,sij->ij", slip, schmid_tensors(step.systems))
     if step.strain_measure == "small":
         strain = step.R.T @ (step.H + step.H.T) @ step.R / 2
         plastic = np.einsum("k,kij->ij", step.state[:5], STRAIN_MODES[:5])
@@ -90,14 +97,15 @@ def elastic_response(step: Step, slip: AnyArray) -> tuple[AnyArray, AnyArray, An
 
 
 def driving_stress(step: Step, slip: AnyArray, sign: AnyArray) -> AnyArray:
-    """Resolved shear stress along the sense of slip, with the non-Schmid part, (24,)."""
+    """Resolved shear stress along the sense of slip, with the non-Schmid part, (n,)."""
     _, stress, _ = elastic_response(step, slip)
-    tau = np.einsum("sij,ij->s", SCHMID, stress)
+    tau = np.einsum("sij,ij->s", schmid_tensors(step.systems), stress)
     driving = (sign * tau).astype(np.result_type(tau, step.constants))
-    for s in range(12):
-        direction = sign[s] * DIRECTIONS[s]
+    directions, normals = slip_systems(step.systems)
+    for s in range(12 if step.systems == BCC else 0):
+        direction = sign[s] * directions[s]
         # The {110} plane of the zone of the slip direction at +60° from the slip plane.
-        plane = rotate(NORMALS[s], direction, np.pi / 3)
+        plane = rotate(normals[s], direction, np.pi / 3)
         driving[s] += step.constants[P_A1] * (direction @ stress @ plane)
     return np.asarray(driving)
 
@@ -110,18 +118,20 @@ def rotate(vector: AnyArray, axis: AnyArray, angle: float) -> AnyArray:
 
 
 def threshold(step: Step, sign: AnyArray, total: AnyArray) -> AnyArray:
-    """Critical resolved shear stress of each system for a sense of slip, (24,)."""
+    """Critical resolved shear stress of each system for a sense of slip, (n,)."""
     p = step.constants
-    tau0 = np.repeat([p[P_TAU110], p[P_TAU112]], 12)
-    # In the frame where m is along [111], the twinning sense has n along [-1 -1 2].
-    twinning = np.sign(np.prod(DIRECTIONS * NORMALS, axis=1)) * sign
-    tau0 = tau0 - np.where(np.arange(24) < 12, 0.0, twinning) * p[P_ASYMMETRY]
-    modulus = p[P_Q] * step.interaction + p[P_LATENT] * (1 - np.eye(24))
+    first = np.arange(step.n) < 12
+    tau0 = np.where(first, p[P_TAU110], p[P_TAU112])
+    if step.systems == BCC:
+        # In the frame where m is along [111], the twinning sense has n along [-1 -1 2].
+        twinning = np.sign(np.prod(slip_systems(BCC), axis=(0, 2))) * sign
+        tau0 = tau0 - np.where(first, 0.0, twinning) * p[P_ASYMMETRY]
+    modulus = p[P_Q] * step.interaction + p[P_LATENT] * (1 - np.eye(step.n))
     return np.asarray(step.skin * tau0 + modulus @ (1 - np.exp(-p[P_B] * total)))
 
 
 def recalled(step: Step, start: AnyArray, slip: AnyArray, d: Any) -> AnyArray:
-    """Back strain at the end of the step, (24,)."""
+    """Back strain at the end of the step, (n,)."""
     size = slip * np.sign(slip.real)
     if step.exponential:
         sense = np.sign(slip.real)
@@ -130,16 +140,16 @@ def recalled(step: Step, start: AnyArray, slip: AnyArray, d: Any) -> AnyArray:
 
 
 def overstress(step: Step, slip: AnyArray) -> AnyArray:
-    """Viscous stress at the end of the step of the systems that slip, (24,)."""
+    """Viscous stress at the end of the step of the systems that slip, (n,)."""
     p, sign = step.constants, np.sign(slip.real)
     rate = np.where(sign != 0, slip * sign, 1.0) / step.dt
     mean = p[P_K] * rate ** (1 / p[P_N])
     if not step.exponential:
         return np.asarray(mean)
-    start = sign * step.state[S_OVER:S_ACC]
+    start = sign * step.of_state("over")
     falls = (sign != 0) & (mean.real < start.real)
     return np.array(
-        [relaxed(mean[s], start[s], p[P_N]) if falls[s] else mean[s] for s in range(24)]
+        [relaxed(mean[s], start[s], p[P_N]) if falls[s] else mean[s] for s in range(step.n)]
     )
 
 
@@ -159,21 +169,21 @@ def relaxed(mean: Any, start: Any, n: Any) -> Any:
 
 
 def hardening(step: Step, slip: AnyArray) -> tuple[AnyArray, ...]:
-    """Back strains, overstresses, accumulated slips, second back strains at the end, (24,) each."""
+    """Back strains, overstresses, accumulated slips, second back strains at the end, (n,) each."""
     p, sign = step.constants, np.sign(slip.real)
-    back = recalled(step, step.state[S_X:S_OVER], slip, p[P_D])
-    second = recalled(step, step.state[S_X2:], slip, p[P_D2])
+    back = recalled(step, step.of_state("x"), slip, p[P_D])
+    second = recalled(step, step.of_state("x2"), slip, p[P_D2])
     over = np.where(sign != 0, sign * overstress(step, slip), 0.0)
-    total = step.state[S_ACC:S_X2] + slip * sign
+    total = step.of_state("accumulated") + slip * sign
     return back, over, total, second
 
 
 def residuals(step: Step, slip: AnyArray) -> AnyArray:
     """S τ − c S x − c2 S x2 − r − v of each system that slips, in MPa; 0 of one at rest."""
     p, sign = step.constants, np.sign(slip.real)
-    back = recalled(step, step.state[S_X:S_OVER], slip, p[P_D])
-    second = recalled(step, step.state[S_X2:], slip, p[P_D2])
-    total = step.state[S_ACC:S_X2] + slip * sign
+    back = recalled(step, step.of_state("x"), slip, p[P_D])
+    second = recalled(step, step.of_state("x2"), slip, p[P_D2])
+    total = step.of_state("accumulated") + slip * sign
     driving = driving_stress(step, slip, sign) - sign * (p[P_C] * back + p[P_C2] * second)
     residual = driving - threshold(step, sign, total) - overstress(step, slip)
     return np.where(sign != 0, residual, 0.0)
@@ -182,11 +192,11 @@ def residuals(step: Step, slip: AnyArray) -> AnyArray:
 def overstress_at_rest(step: Step, slip: AnyArray) -> AnyArray:
     """How far each system at rest is above its threshold in either sense; −inf of a moving one."""
     p = step.constants
-    back = p[P_C] * step.state[S_X:S_OVER] + p[P_C2] * step.state[S_X2:]
-    total = step.state[S_ACC:S_X2] + abs(slip)
+    back = p[P_C] * step.of_state("x") + p[P_C2] * step.of_state("x2")
+    total = step.of_state("accumulated") + abs(slip)
     both = [
         driving_stress(step, slip, sign) - sign * back - threshold(step, sign, total)
-        for sign in (np.ones(24), -np.ones(24))
+        for sign in (np.ones(step.n), -np.ones(step.n))
     ]
     return np.where(slip == 0, np.maximum(*both), -np.inf)
 

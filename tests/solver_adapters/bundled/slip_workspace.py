@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from meshes.arrays import FloatArray
+from solver_adapters.bundled.law import NS
 from solver_adapters.bundled.law import workspace_layout as rows
-from solver_adapters.bundled.law.law import N_LOCAL, NS, P_A1, P_B, P_C2, P_D2, P_LATENT, P_Q
+from solver_adapters.bundled.law.law import N_LOCAL, P_A1, P_B, P_C2, P_D2, P_LATENT, P_Q
 
 STEP = 1e-30
 RNG = np.random.default_rng(7)

@@ -11,7 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from solver_adapters.bundled.fem.state import Increment, Instant
-from solver_adapters.bundled.law.law import NS, S_ACC, S_X2
+from solver_adapters.bundled.law import NS
+from solver_adapters.bundled.law.state_layout import S_ACC, S_X2
 from solver_adapters.bundled.restart import FILE, Checkpoint, fits, read, write
 from solver_adapters.interface import SolverError
 

@@ -11,7 +11,7 @@ import pytest
 from meshes.arrays import FloatArray
 from solver_adapters.bundled import equilibrium
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.crystal import rotation_vector_matrix
+from solver_adapters.crystal import BCC48, rotation_vector_matrix
 from solver_adapters.interface import Direction, Integration, Response, Simulation
 from solver_adapters.material import (
     MATERIAL_DECLARATIONS,
@@ -244,6 +244,28 @@ def test_derivatives_of_a_mesh_of_hexahedra_are_difference_quotients(
     response = BundledAdapter().solve(replace(simulation, directions=directions))
     for k, (direction, step) in enumerate(zip(directions, (1e-3, 1e-5, 1e-5, 1e-5), strict=True)):
         _compare(response, k, direction.name, _central(simulation, direction, step, response))
+
+
+@pytest.mark.slow  # these kernels are compiled for it alone
+def test_derivatives_of_a_crystal_of_48_systems_are_difference_quotients(
+    measure: StrainMeasure,
+) -> None:
+    material = Material(slip_systems=BCC48, Q=10.0, h_latent=0.3, c2=2000.0, x0=5e-5)
+    simulation = _simulation(measure, (0.002, 0.006, 0.005, 0.008), material)
+    rotation = np.array([[0.3, -0.2, 0.5], [-0.1, 0.4, 0.2]])
+    directions = (
+        *map(_material, ("tau0", "K", "d", "Q", "h_latent", "c2", "x0")),
+        Direction("motion", motion=simulation.motion),
+        Direction("rotation", rotation=rotation),
+    )
+    asked = replace(simulation, directions=directions, cell_fields=True)
+    response = BundledAdapter().solve(asked)
+    for k, direction in enumerate(directions):
+        step = MATERIAL_STEP * getattr(material, direction.name, 0.5)
+        _compare(response, k, direction.name, _central(simulation, direction, step, response))
+    assert response.cells is not None
+    slipped = response.cells.accumulated_slip[-1].max(axis=0)
+    assert slipped.shape == (48,) and (slipped > 0.0).sum() > 24
 
 
 @SCHEMES

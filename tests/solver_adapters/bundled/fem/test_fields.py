@@ -17,7 +17,8 @@ from solver_adapters.bundled.fem.fields import (
     crystal_frames,
     frame_change,
 )
-from solver_adapters.bundled.law.law import N_STATE, S_OVER, S_X, S_X2, STRAIN_MODES
+from solver_adapters.bundled.law.law import STRAIN_MODES
+from solver_adapters.bundled.law.state_layout import N_STATE, S_OVER, S_X, S_X2
 from solver_adapters.interface import Direction, Simulation
 from solver_adapters.material import Material, with_parameters
 from tools.boxes import BOXES, ORIENTATIONS, one_grain, pulled

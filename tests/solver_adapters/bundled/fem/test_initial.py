@@ -11,7 +11,8 @@ from solver_adapters.bundled.fem.initial import (
     skin_factor,
     surface_distance,
 )
-from solver_adapters.bundled.law.law import S_OVER, S_X, STRAIN_MODES
+from solver_adapters.bundled.law.law import STRAIN_MODES
+from solver_adapters.bundled.law.state_layout import S_OVER, S_X
 from solver_adapters.crystal import BCC, bunge_matrix, slip_systems
 from solver_adapters.material import StrainMeasure
 

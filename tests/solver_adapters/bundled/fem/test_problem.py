@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from solver_adapters.bundled.fem.assembly import displacement_gradients, element_forces
 from solver_adapters.bundled.fem.problem import Problem, build_problem, build_tangents
-from solver_adapters.bundled.law.law import N_STATE, S_ACC, local_parameters, longer_step_tangent
+from solver_adapters.bundled.law.law import local_parameters, longer_step_tangent
+from solver_adapters.bundled.law.state_layout import N_STATE, S_ACC
 from solver_adapters.interface import Direction, Simulation
 from solver_adapters.material import Material
 from tools.boxes import BOXES, ORIENTATIONS, box, pulled

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from meshes.arrays import FloatArray
+from solver_adapters.bundled.law import NS
 from solver_adapters.bundled.law.gauss_points import Points, points_of_grains
-from solver_adapters.bundled.law.law import NS
 from solver_adapters.crystal import bunge_matrix, rotation_vector_matrix
 from solver_adapters.material import Material, StrainMeasure
 from tests.solver_adapters.bundled.elasticity import stiffness

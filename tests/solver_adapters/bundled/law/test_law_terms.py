@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_adapters.bundled.law import law_terms
+from solver_adapters.bundled.law import NS, law_terms
 from solver_adapters.bundled.law import workspace_layout as rows
 from solver_adapters.bundled.law.law import (
     FIRST_112,
     N_LOCAL,
-    NS,
     P_A1,
     P_B,
     P_C2,

@@ -11,25 +11,20 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from meshes.arrays import FloatArray
-from solver_adapters.bundled.law import slip
+from solver_adapters.bundled.law import NS, slip
 from solver_adapters.bundled.law import workspace_layout as rows
 from solver_adapters.bundled.law.law import (
     FIRST_112,
-    N_STATE,
-    NS,
     P_A1,
     P_C,
     P_C2,
     P_D,
     P_D2,
     P_LATENT,
-    S_ACC,
-    S_OVER,
-    S_X,
-    S_X2,
     local_parameters,
     system_modes,
 )
+from solver_adapters.bundled.law.state_layout import N_STATE, S_ACC, S_OVER, S_X, S_X2
 from solver_adapters.constants import interaction_matrix
 from solver_adapters.crystal import BCC
 from solver_adapters.interaction import bcc24_classes

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from meshes.arrays import FloatArray, IntArray
-from solver_adapters.bundled.law import slip_derivatives
+from solver_adapters.bundled.law import NS, slip_derivatives
 from solver_adapters.bundled.law import workspace_layout as rows
-from solver_adapters.bundled.law.law import N_STATE, NS, P_B, P_C2, S_ACC, S_OVER, S_X, S_X2
+from solver_adapters.bundled.law.law import P_B, P_C2
 from solver_adapters.bundled.law.simd_rows import B_EXPLICIT, B_OVER, B_SLIP_END, B_STEP, LANES
+from solver_adapters.bundled.law.state_layout import N_STATE, S_ACC, S_OVER, S_X, S_X2
 from tests.solver_adapters.bundled.from_python import FromPython
 from tests.solver_adapters.bundled.slip_workspace import (
     ACCUMULATED,

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from meshes.arrays import FloatArray
+from solver_adapters.bundled.law import NS
 from solver_adapters.bundled.law.gauss_points import Points, points_of_grains
-from solver_adapters.bundled.law.law import NS, S_OVER, S_X
+from solver_adapters.bundled.law.state_layout import S_OVER, S_X
 from solver_adapters.crystal import BCC, bunge_matrix, schmid_tensors
 from solver_adapters.material import Material
 from tests.solver_adapters.bundled.elasticity import stiffness
