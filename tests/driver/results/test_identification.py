@@ -73,6 +73,10 @@ DATASETS = {
     "budget/model": ((), "1"), "budget/basis": ((), "1"), "budget/load": ((), "1"),
     "final/load": ((T,), "µN"), "final/load_residual": ((T,), "µN"),
     "final/motion": ((T, P, 3), "µm"), "final/rho": ((T, P), "µm"),
+    "measured_slip/image": ((), "1"), "measured_slip/strain": ((2, 3), "1"),
+    "measured_slip/strain_sigma": ((2, 3), "1"), "measured_slip/elastic": ((2, 3), "1"),
+    "measured_slip/slip": ((2, 24), "1"), "measured_slip/sigma": ((2, 24), "1"),
+    "measured_slip/without": ((2, 24), "1"), "measured_slip/total": ((2, 3), "1"),
 }  # fmt: skip
 # Written for backward Euler, for several starts, for a noisy boundary, and for a solver that tells
 # its trajectory and slips.
