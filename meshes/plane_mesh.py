@@ -105,6 +105,20 @@ class PlaneMesh:
         cells[point[held]], local[point[held]] = cell[held], at[held]
         return cells, local
 
+    def gradients(self, cell: IntArray, local: FloatArray) -> FloatArray:
+        """Return derivatives along X and Y of the functions of a cell at located points [1/µm].
+
+        Args:
+            cell: cell of each point, shape (n,).
+            local: reference coordinates there, shape (n, 2).
+
+        Returns:
+            In the order of the nodes of the cell, shape (n, nodes of the kind, 2).
+        """
+        slopes = self.cell.gradient(local)
+        jacobian = self.points[self.cells[cell]].transpose(0, 2, 1) @ slopes
+        return np.asarray(slopes @ np.linalg.inv(jacobian))
+
     def _near(self, xy: FloatArray) -> tuple[IntArray, IntArray]:
         """Return pairs of a point and a cell whose box holds it, in the order of the cells."""
         order = np.argsort(xy[:, 1], kind="stable")

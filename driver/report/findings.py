@@ -15,6 +15,7 @@ from driver.experiment.history import History, knot_weights, read_history
 from driver.forward.boundary_motion import BoundaryMotion
 from driver.forward.build import parameters_of
 from driver.forward.geometry import boundary_traces
+from driver.identification.measured_slip import MeasuredSlip
 from driver.identification.slip_activity import SlipActivity
 from driver.identification.travel_ratio import TravelRatio
 from driver.report.identified import IdentifiedParameter, estimates
@@ -38,7 +39,11 @@ from driver.results.files import (
     present,
 )
 from driver.results.hdf5 import damaged, read_hdf5
-from driver.results.identification import read_identification, written_slip
+from driver.results.identification import (
+    read_identification,
+    written_measured_slip,
+    written_slip,
+)
 from driver.results.json_files import read_json
 from driver.results.stage_record import read_record
 from meshes.arrays import FloatArray
@@ -161,6 +166,11 @@ class Findings:
     def slip(self) -> SlipActivity | None:
         """Slips of the final model, None of a solver that tells none."""
         return written_slip(self.predicted if self.diagnosed else self.identified)
+
+    @property
+    def measured_slip(self) -> MeasuredSlip | None:
+        """Slips that the images tell without a law, None where they were not sought."""
+        return written_measured_slip(self.identified)
 
     @property
     def load_noise(self) -> float:

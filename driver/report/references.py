@@ -91,6 +91,17 @@ REFERENCES: tuple[Reference, ...] = (
         ),
     ),
     Reference(
+        "slip of each grain from images and orientations, without a law",
+        _entry(
+            "article", "Vermeij2022",
+            author="Vermeij, T. and Peerlings, R. H. J. and Geers, M. G. D. and "
+            "Hoefnagels, J. P. M.",
+            title="Automated identification of slip system activity fields from digital image "
+            "correlation data",
+            journal="Acta Materialia", volume="243", pages="118502", year="2022",
+        ),
+    ),
+    Reference(
         "evidence of a cause by Laplace's approximation",
         _entry(
             "article", "MacKay1992",

@@ -18,6 +18,7 @@ from driver.identification.fit import Fit
 from driver.identification.identifiability import far_off_told, prior_shares, ruled_by_prior
 from driver.identification.identify import Identification
 from driver.identification.kinematic_hessian import kinematic_hessian
+from driver.identification.measured_slip import MeasuredSlip
 from driver.identification.problem import IdentificationProblem
 from driver.identification.slip_activity import SlipActivity, slip_activity
 from driver.identification.step_error import StepError
@@ -244,6 +245,36 @@ def written_slip(datasets: Mapping[str, FloatArray]) -> SlipActivity | None:
     return SlipActivity(images, datasets["slip/grains"], datasets["slip/cells"])
 
 
+def _measured_slip(slip: MeasuredSlip) -> Arrays:
+    return {
+        "measured_slip/image": (float(slip.image), "1"),
+        "measured_slip/strain": (slip.strain, "1"),
+        "measured_slip/strain_sigma": (slip.strain_sigma, "1"),
+        "measured_slip/elastic": (slip.elastic, "1"),
+        "measured_slip/slip": (slip.slip, "1"),
+        "measured_slip/sigma": (slip.sigma, "1"),
+        "measured_slip/without": (slip.without, "1"),
+        "measured_slip/total": (slip.total, "1"),
+    }
+
+
+def written_measured_slip(datasets: Mapping[str, FloatArray]) -> MeasuredSlip | None:
+    """Return the slips that the images tell, None of an identification that has not sought them.
+
+    Args:
+        datasets: those of `identify.h5` by name.
+    """
+    if "measured_slip/total" not in datasets:
+        return None
+    return MeasuredSlip(
+        int(datasets["measured_slip/image"]),
+        *(
+            datasets[f"measured_slip/{name}"]
+            for name in ("strain", "strain_sigma", "elastic", "slip", "sigma", "without", "total")
+        ),
+    )
+
+
 def _travel_ratio(ratio: TravelRatio | None) -> Arrays:
     return {} if ratio is None else {"travel_ratio": (np.array(astuple(ratio)), "1")}
 
@@ -369,6 +400,7 @@ def write_with_images(
     found: Identification,
     problem: IdentificationProblem,
     budget: Mapping[str, float],
+    measured_slip: MeasuredSlip,
 ) -> None:
     """Write the results of an identification by images and loads.
 
@@ -377,6 +409,7 @@ def write_with_images(
         found: the identification.
         problem: what it started from.
         budget: the error budget, by name.
+        measured_slip: what the images alone tell of the slips.
     """
     correction = found.objective.correction.at(found.final.values)
     history = problem.experiment.history
@@ -387,6 +420,7 @@ def write_with_images(
         {
             "correction/motion": (np.asarray(correction.motion), "µm"),
             **slip_arrays(slip_activity(found.objective.model, found.final)),
+            **_measured_slip(measured_slip),
             **_travel_ratio(travel_ratio(found.final, found.objective.parameters, history)),
             "noise_factor": (found.objective.data.image.noise_factor, "1"),
             **{f"budget/{key}": (value, "1") for key, value in budget.items()},

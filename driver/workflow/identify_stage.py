@@ -13,6 +13,7 @@ from driver.case.model import Case, CaseError
 from driver.common.errors import sentence
 from driver.experiment.history import History
 from driver.identification.identify import identify, with_correction
+from driver.identification.measured_slip import slip_of_images
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.problem import IdentificationProblem, build_problem, seen_by_correlation
 from driver.identification.travel_ratio import travel_ratio
@@ -69,7 +70,8 @@ def run_identify(context: StageContext) -> None:
         problem.working, problem.finer, problem.objective, problem.start, problem.plan
     )  # fmt: skip
     final = identification.final
-    budget = error_budget(problem, final.best, read_hdf5(context.result(MEASURE))["chi"])
+    measured = read_hdf5(context.result(MEASURE))
+    budget = error_budget(problem, final.best, measured["chi"])
     for name in (n for n in (*LAMBDAS, *problem.law) if n in final.best.free):
         logger.info(f"  {value_told(name, final, problem.objective.parameters)}")
     for warning in warnings_of(identification):
@@ -81,7 +83,14 @@ def run_identify(context: StageContext) -> None:
         f"  budget: noise 1, free correlation {budget['free']:.2f}, "
         f"this model {budget['model']:.2f} (images), {budget['load']:.2f} (loads)"
     )
-    write_with_images(context.workdir, identification, problem, budget)
+    slip = slip_of_images(
+        context.case,
+        problem,
+        identification.objective.data,
+        measured["coefficients"],
+        measured["residual"],
+    )
+    write_with_images(context.workdir, identification, problem, budget, slip)
 
 
 def refuse_large_jitter(

@@ -16,6 +16,8 @@ from driver.results.identification import (
     written_noise_factor,
     written_trajectory,
 )
+from meshes.files import read_med
+from meshes.surface_grains import grains_at
 from tests.driver.results.datasets import datasets, documented_datasets
 
 TEXTS = {
@@ -73,6 +75,10 @@ DATASETS = {
     "budget/model": ((), "1"), "budget/basis": ((), "1"), "budget/load": ((), "1"),
     "final/load": ((T,), "µN"), "final/load_residual": ((T,), "µN"),
     "final/motion": ((T, P, 3), "µm"), "final/rho": ((T, P), "µm"),
+    "measured_slip/image": ((), "1"), "measured_slip/strain": ((2, 3), "1"),
+    "measured_slip/strain_sigma": ((2, 3), "1"), "measured_slip/elastic": ((2, 3), "1"),
+    "measured_slip/slip": ((2, 24), "1"), "measured_slip/sigma": ((2, 24), "1"),
+    "measured_slip/without": ((2, 24), "1"), "measured_slip/total": ((2, 3), "1"),
 }  # fmt: skip
 # Written for backward Euler, for several starts, for a noisy boundary, and for a solver that tells
 # its trajectory and slips.
@@ -103,6 +109,21 @@ def test_an_identification_has_these_datasets_with_these_shapes_and_units(finish
     # The apex amplitudes are held in stage B.
     assert {f"history/A/{name}" for name in every} <= set(history)
     assert not {f"history/B/{name}" for name in LAMBDAS} & set(history)
+
+
+def test_strains_measured_without_a_law_are_those_of_the_identified_motion(finished: Path) -> None:
+    with h5py.File(finished / "identify.h5") as found, h5py.File(finished / "measure.h5") as seen:
+        image = int(found["measured_slip/image"][()])
+        strain, sigma = (found[f"measured_slip/{name}"][:] for name in ("strain", "strain_sigma"))
+        xy, motion = seen["xy"][:], found["final/motion"][image]
+    grain = grains_at(read_med(finished / "mesh.med"), xy)
+    for number in (0, 1):
+        own = grain == number
+        planes = np.column_stack([np.ones(own.sum()), xy[own]])
+        (ux, vx, _), (uy, vy, _) = np.linalg.lstsq(planes, motion[own], rcond=None)[0][1:]
+        away = (strain[number] - [ux, vy, uy + vx]) / sigma[number]
+        assert np.abs(away).max() < 3.0
+        assert vy > 5.0 * sigma[number, 1]
 
 
 def test_every_dataset_of_an_identification_is_documented_and_no_other() -> None:
