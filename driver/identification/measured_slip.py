@@ -34,10 +34,10 @@ class MeasuredSlip:
         strain: ε_XX, ε_YY, 2 ε_XY of each grain [1], shape (n_grains, 3).
         strain_sigma: their standard deviations [1], shape (n_grains, 3).
         elastic: the elastic part, which is subtracted [1], shape (n_grains, 3).
-        slip: of each system, with its sign [1], shape (n_grains, 24).
-        sigma: its standard deviation [1], shape (n_grains, 24).
+        slip: of each system, with its sign [1], shape (n_grains, n).
+        sigma: its standard deviation [1], shape (n_grains, n).
         without: growth of the sum where a system may not slip, as in `LeastSlip` [1],
-            shape (n_grains, 24).
+            shape (n_grains, n).
         total: sum of |slip|, its standard deviation and its noise floor [1], shape (n_grains, 3).
     """
 
