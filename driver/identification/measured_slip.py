@@ -25,7 +25,7 @@ _PARTS = ((0, 0), (1, 1), (0, 1))  # of a strain, as they are measured; the last
 
 @dataclass(frozen=True, eq=False)
 class MeasuredSlip:
-    """Slips of 24 systems since the reference, by the mean strain of each grain on the face.
+    """Slips of the systems since the reference, by the mean strain of each grain on the face.
 
     NaN of a grain that does not reach the face, and where the image does not decide its strain.
 
