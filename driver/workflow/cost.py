@@ -9,7 +9,7 @@ from driver.case.model import Case
 from driver.diagnosis.causes.all_causes import every, names
 from driver.experiment.image_sizes import stack_size
 from driver.forward.build import size_of_second_mesh
-from driver.forward.cost import PROCESS_BYTES, simulation_memory, steps_seconds
+from driver.forward.cost import PROCESS_BYTES, simulation_memory, steps_seconds, systems_of
 from driver.identification.correction_cost import cells_of_size, correction_seconds, finer_steps
 from solver_adapters.finite_differences import RUNS_PER_DIRECTION
 from solver_adapters.interface import Capabilities
@@ -108,14 +108,14 @@ def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> C
         identify, diagnose = identify + diagnose, 0.0
     correlation = _PIXEL_SECONDS * _face(case) * n_images if case.with_images else 0.0
     at_once = case.solver.steps_per_interval
-    kind = case.specimen.cell_kind
-    memory = simulation_memory(kind, n_cells, n_images, directions + causes, at_once)
+    kind, systems = case.specimen.cell_kind, systems_of(case)
+    memory = simulation_memory(kind, n_cells, n_images, directions + causes, at_once, systems)
     if told:
         steps = finer_steps(case, solver)
-        once = simulation_memory(kind, finer, n_images, max(told), steps)
+        once = simulation_memory(kind, finer, n_images, max(told), steps, systems)
         memory = max(memory, once)
     if case.execution.processes > 1 and case.execution.scheduler is None:
-        each = simulation_memory(kind, n_cells, n_images, directions, at_once)
+        each = simulation_memory(kind, n_cells, n_images, directions, at_once, systems)
         memory += case.execution.processes * each
     if case.with_images:
         memory += identified_images(case, n_images)
