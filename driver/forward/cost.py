@@ -34,8 +34,8 @@ _DIRECTION_SHARE = 0.05
 # Libraries of one process [bytes].
 PROCESS_BYTES = 330e6
 
-# Numbers that a Gauss point keeps for a direction: two states, three numbers of each slip system and
-# nine others; what changes its H and its stress.
+# Numbers that a Gauss point keeps for a direction: two states, three numbers of each slip system
+# and nine others; what changes its H and its stress.
 _POINT_NUMBERS: Mapping[int, int] = MappingProxyType(
     {count: 2 * (3 * count + 9) + 18 for count in SYSTEM_COUNTS}
 )
