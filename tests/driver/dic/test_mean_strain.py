@@ -77,7 +77,7 @@ def test_pixels_without_a_height_are_passed_over() -> None:
 
 
 def test_an_element_with_next_to_no_heights_leaves_strains_undecided_and_never_impossible() -> None:
-    element = np.flatnonzero((XY > [0.0, 4.0]).all(axis=1))
+    element = np.flatnonzero((XY[:, 0] > 0.0) & (XY[:, 1] > 4.0))
     for seed in range(20):
         image = face(motion(), motion())
         image.residual[np.random.default_rng(seed).permutation(element)[4:]] = np.nan
