@@ -47,8 +47,8 @@ def check_supported(simulation: Simulation) -> None:
     material = simulation.material
     if material.slip_systems not in (BCC, FCC):
         raise UnsupportedError(
-            "slip_systems of the case's own, which the solver code_aster cannot honour; expected "
-            "those of BCC or FCC, or a solver that can: bundled"
+            "slip_systems other than those of BCC or FCC, which the solver code_aster cannot "
+            "honour; expected those of BCC or FCC, or a solver that can: bundled"
         )
     if is_fcc(material) and material.strain_measure == "finite" and simulation.cell_fields:
         raise UnsupportedError(
