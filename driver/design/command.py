@@ -14,7 +14,7 @@ from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError
 from driver.common.formatting import cost_told
 from driver.common.outcomes import first_line
-from driver.common.parallel import side_by_side
+from driver.common.parallel import blas_on_one_thread, side_by_side
 from driver.design.forecast import (
     Forecast,
     Plan,
@@ -54,6 +54,7 @@ _PROCESS_BYTES = 300e6
 _COPIES = 60
 
 
+@blas_on_one_thread()
 def design(
     case_path: Path,
     settings_path: Path | None,

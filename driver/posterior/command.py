@@ -16,10 +16,10 @@ from driver.case.model import Case
 from driver.case.scheduler import on_workers
 from driver.common.errors import InputError, sentence
 from driver.common.formatting import cost_told, duration
-from driver.common.parallel import side_by_side
+from driver.common.parallel import blas_on_one_thread, side_by_side
 from driver.common.progress import quiet
 from driver.forward.build import capabilities_of
-from driver.forward.cost import simulation_memory, simulation_seconds
+from driver.forward.cost import simulation_memory, simulation_seconds, systems_of
 from driver.identification.identify import corrected_with_derivatives
 from driver.identification.line_search import newton
 from driver.identification.objective import Evaluation, Objective
@@ -64,6 +64,7 @@ class _Task:
     values: tuple[Mapping[str, float], ...]
 
 
+@blas_on_one_thread()
 def posterior(
     case_path: Path, draws: int = 300, seed: int = 0, results_folder: Path | None = None
 ) -> tuple[Sampled, ...]:
@@ -146,7 +147,9 @@ def _foretell(case: Case, n_cells: int, n_images: int, n_free: int, draws: int) 
     first = simulation_seconds(case, solver, n_cells, n_images, n_free)
     others = draws * simulation_seconds(case, solver, n_cells, n_images) / use.processes
     of_steps = case.solver.steps_per_interval
-    memory = simulation_memory(case.specimen.cell_kind, n_cells, n_images, n_free, of_steps)
+    memory = simulation_memory(
+        case.specimen.cell_kind, n_cells, n_images, n_free, of_steps, systems_of(case)
+    )
     memory += identified_images(case, n_images)
     processes = 1 if use.scheduler is not None else 1 + use.processes
     logger.info(f"{draws} draws: {cost_told(first + others, processes * memory)}")
