@@ -54,8 +54,8 @@ def check_supported(simulation: Simulation, profile: Profile) -> None:
     material = simulation.material
     if material.slip_systems not in (BCC, FCC):
         _refuse(
-            "slip_systems other than those of BCC or FCC: CalculiX has the octahedral ones; expected "
-            "those of FCC, or of BCC without {112}",
+            "slip_systems other than those of BCC or FCC: CalculiX has the octahedral ones; "
+            "expected those of FCC, or of BCC without {112}",
             "slip_systems",
         )
     if material.slip_systems == BCC and material.tau0_112 < _OFF:
