@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.measuring import in_child, show
 from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.problem import build_problem
-from solver_adapters.crystal import N_SYSTEMS, rotation_vector_matrix
+from solver_adapters.crystal import rotation_vector_matrix
 from solver_adapters.material import Material
 from tools.boxes import ORIENTATIONS, box, pulled
 
@@ -51,7 +51,7 @@ def own() -> Point:
     strain = np.multiply.outer(e, turns.transpose(0, 2, 1) @ np.diag([-0.5, -0.5, 1.0]) @ turns)
     best = np.inf
     for _ in range(REPEATS):
-        state, slips, total, stresses = problem.state, np.zeros((n, N_SYSTEMS)), 0.0, []
+        state, slips, total, stresses = problem.state, np.zeros((n, points.n_systems)), 0.0, []
         for row in range(1, len(e)):
             gradient = (strain[row] @ crystals).reshape(n, 9)
             guess = np.zeros_like(slips) if row == STEPS + 1 else slips

@@ -106,6 +106,7 @@ def _started() -> subprocess.Popen[bytes]:
         [sys.executable, "-P", "-c", _SERVE],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,  # where this process has none, a pipe would take its number
         bufsize=0,
         start_new_session=True,  # Ctrl-C is for this process
         env=os.environ | {"PYTHONPATH": search},
@@ -184,9 +185,7 @@ def serve() -> None:
     global _serves
     _serves = True
     asked, replies = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb", 0)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    for stream in (1, 2):  # libraries print
-        os.dup2(nowhere, stream)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # libraries print
     requests: queue.Queue[bytes] = queue.Queue()
     threading.Thread(target=_listen, args=(asked, requests), daemon=True).start()
     while True:

@@ -12,6 +12,8 @@ from driver.dic.basis import Basis
 from driver.dic.system import sensitivity
 from meshes.arrays import BoolArray, FloatArray, IntArray
 
+_UNDECIDED = 1e-12  # of the largest variance: a smaller one of a combination is rounding
+
 
 @dataclass(frozen=True, eq=False)
 class MeanStrains:
@@ -83,7 +85,19 @@ def mean_strains(
     all_of_them = (rows @ solved).reshape(len(present), 3, len(present), 3)
     own = np.arange(len(present))
     covariance[present] = all_of_them[own, :, own, :]
+    # A matrix that is singular but for rounding has a solution, with variances of either sign.
+    for number in present:
+        if not _is_decided(covariance[number]):
+            values[number] = covariance[number] = np.nan
     return MeanStrains(values, covariance)
+
+
+def _is_decided(covariance: FloatArray) -> bool:
+    """Whether a matrix (3, 3) is the covariance of numbers that have been measured."""
+    if not np.isfinite(covariance).all():
+        return False
+    variances = np.linalg.eigvalsh(covariance)
+    return bool(variances[0] > _UNDECIDED * variances[-1])
 
 
 def _slopes(basis: Basis, xy: FloatArray) -> tuple[csr_array, csr_array]:

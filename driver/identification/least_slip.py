@@ -147,8 +147,9 @@ def growth_without(columns: FloatArray, slip: FloatArray) -> FloatArray:
         others = np.delete(columns, system, axis=1)
         both = np.hstack([others, -others])
         if both.size:
-            answer = linprog(np.ones(both.shape[1]), A_eq=both, b_eq=strain)
-            growth[system] = answer.fun / total - 1.0 if answer.success else np.inf
+            # Of a sum of 1: what the solver calls equal is so to 10⁻⁷, which may be a whole strain.
+            answer = linprog(np.ones(both.shape[1]), A_eq=both, b_eq=strain / total)
+            growth[system] = answer.fun - 1.0 if answer.success else np.inf
         else:
             growth[system] = np.inf
     return growth

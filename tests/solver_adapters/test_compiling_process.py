@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -40,7 +41,7 @@ if "die" in sys.argv:
 """
 
 
-def told(cache: Path, *words: str) -> dict[str, Any]:
+def told(cache: Path, *words: str, before: Callable[[], None] | None = None) -> dict[str, Any]:
     """What a new process says that sums with kernels of this cache."""
     ended = subprocess.run(
         [sys.executable, "-c", PROGRAM, *words],
@@ -48,6 +49,7 @@ def told(cache: Path, *words: str) -> dict[str, Any]:
         stdout=subprocess.PIPE,
         timeout=120,
         check=False,
+        preexec_fn=before,
     )
     answer: dict[str, Any] = json.loads(ended.stdout)
     assert answer["sum"] == [[1.0, 2.0], [2.0, 3.0]] and answer["sparse"] == [1.0, 2.0, 2.0, 3.0]
@@ -64,6 +66,14 @@ def test_a_process_loads_what_another_one_compiles_that_ends_with_it_even_where_
         psutil.Process(other).wait(5.0)
     later = told(tmp_path)
     assert later["before"] and later["own"] == 0 and later["others"] == []
+
+
+def test_so_it_does_where_all_streams_but_its_output_are_closed(tmp_path: Path) -> None:
+    def closed() -> None:
+        os.close(0)
+        os.close(2)
+
+    assert told(tmp_path, before=closed)["own"] == 0
 
 
 def test_another_process_compiles_after_one_that_was_killed(tmp_path: Path) -> None:

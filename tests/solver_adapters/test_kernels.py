@@ -10,7 +10,7 @@ from typing import Any
 import numba
 import pytest
 
-from solver_adapters.bundled.law.gauss_points import kernels_for
+from solver_adapters.bundled.law.gauss_points import point_kernels_of
 from solver_adapters.crystal import SYSTEM_COUNTS
 from solver_adapters.kernels import (
     KERNEL_SOURCES,
@@ -117,7 +117,7 @@ def test_a_first_use_is_one_whose_folder_holds_no_compiled_kernel(
 def test_kernels_of_a_file_that_is_loaded_under_two_names_lie_in_two_folders() -> None:
     folder = kernels_folder()
     assert folder is not None
-    of_24, of_48 = (Path(kernels_for(n).update_small._cache.cache_path) for n in SYSTEM_COUNTS)
+    of_24, of_48 = (Path(point_kernels_of(n).update_small._cache.cache_path) for n in SYSTEM_COUNTS)
     assert of_24.parent == folder and of_48.parent == folder / "of_48"
     config: Any = numba.config
     assert config.CACHE_DIR == str(folder)

@@ -29,11 +29,10 @@ from solver_adapters.material import Material, StrainMeasure
 # Parts in which the strain of a step is applied where the whole of it finds no solution.
 _CONTINUATION = 8
 
-
 _PACKAGES = dict(zip(SYSTEM_COUNTS, ("law", "law.of_48"), strict=True))
 
 
-def kernels_for(n_systems: int) -> ModuleType:
+def point_kernels_of(n_systems: int) -> ModuleType:
     """Return `point_kernels` of so many slip systems, one of `SYSTEM_COUNTS`."""
     return import_module(f"solver_adapters.bundled.{_PACKAGES[n_systems]}.point_kernels")
 
@@ -83,7 +82,7 @@ class PointDerivatives:
 
     def follow(self, dH: FloatArray) -> None:
         """Add what a further dH (n_points, 9, k) changes to the state."""
-        kernels = kernels_for(self.gains.shape[2])
+        kernels = point_kernels_of(self.gains.shape[2])
         kernels.follow(self.by_slip, self.by_state, self.gains, dH, self.state)
 
 
@@ -228,7 +227,7 @@ class Points:
         state1, slips, P = np.empty_like(state0), np.empty((n, self.n_systems)), np.empty((n, 9))
         C, count = np.empty((n, 9, 9)), np.empty(n, dtype=np.int64)
         finite = self.strain_measure == "finite"
-        kernels = kernels_for(self.n_systems)
+        kernels = point_kernels_of(self.n_systems)
         run = kernels.update_finite if finite else kernels.update_small
         run(
             self.grain[which],
@@ -287,7 +286,7 @@ class Points:
             out: filled; its state is that at the start, and becomes that at the end.
         """
         finite = self.strain_measure == "finite"
-        kernels = kernels_for(self.n_systems)
+        kernels = point_kernels_of(self.n_systems)
         run = kernels.derive_finite if finite else kernels.derive_small
         run(
             self.grain,

@@ -76,6 +76,17 @@ def test_pixels_without_a_height_are_passed_over() -> None:
     assert (found.covariance[:, 1, 1] > whole.covariance[:, 1, 1]).all()
 
 
+def test_an_element_with_next_to_no_heights_leaves_strains_undecided_and_never_impossible() -> None:
+    element = np.flatnonzero((XY > [0.0, 4.0]).all(axis=1))
+    for seed in range(20):
+        image = face(motion(), motion())
+        image.residual[np.random.default_rng(seed).permutation(element)[4:]] = np.nan
+        found = mean_strains(image, BASIS_UV, BASIS_W, PART, 2)
+        decided = np.isfinite(found.values).all(axis=1)
+        assert not decided[1] and np.isnan(found.covariance[~decided]).all()
+        np.linalg.cholesky(found.covariance[decided])
+
+
 def test_a_face_without_relief_has_no_strain_to_tell() -> None:
     flat = ImageOfFace(XY, 0.0 * GRADIENT, motion(), np.zeros(len(XY)), np.ones(len(XY)))
     assert np.isnan(mean_strains(flat, BASIS_UV, BASIS_W, PART, 2).values).all()

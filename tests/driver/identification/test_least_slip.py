@@ -107,6 +107,13 @@ def test_a_system_with_a_twin_is_not_told_apart_and_one_without_others_is() -> N
     assert np.isinf(growth_without(columns[:, :1], np.array([0.02]))).all()
 
 
+def test_how_much_others_add_does_not_depend_on_how_large_the_slips_are() -> None:
+    slip = slips_of(systems_of_a_facet(), [0.02, 0.01, 0.03])
+    small, large = (growth_without(COLUMNS, size * slip) for size in (1e-6, 1.0))
+    assert np.nanmin(large) > 1e-4
+    assert small == pytest.approx(large, rel=1e-6, nan_ok=True)
+
+
 def test_strains_that_no_slip_makes_are_fitted_as_well_as_can_be() -> None:
     slip = systems_refitted(np.array([[100.0], [0.0]]), np.array([3.0, 40.0]))
     assert slip == pytest.approx([0.03])

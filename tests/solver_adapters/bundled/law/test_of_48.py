@@ -10,7 +10,7 @@ from types import ModuleType
 import pytest
 
 from solver_adapters.bundled import law
-from solver_adapters.bundled.law.gauss_points import kernels_for
+from solver_adapters.bundled.law.gauss_points import point_kernels_of
 from solver_adapters.bundled.law.law import StateLayout
 
 FOLDER = Path(law.__file__).parent
@@ -57,7 +57,7 @@ def test_what_follows_the_number_is_imported_by_relative_imports_alone() -> None
 
 @pytest.mark.parametrize(("n_systems", "package"), [(24, OWN), (48, f"{OWN}.of_48")])
 def test_each_number_has_layouts_of_its_own(n_systems: int, package: str) -> None:
-    kernels: ModuleType = kernels_for(n_systems)
+    kernels: ModuleType = point_kernels_of(n_systems)
     assert kernels.__name__ == f"{package}.point_kernels"
     state, rows = (sys.modules[f"{package}.{kind}_layout"] for kind in ("state", "workspace"))
     whole = StateLayout(n_systems)
