@@ -16,8 +16,9 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from time import monotonic, sleep
 from typing import Any, BinaryIO
 
 from meshes.guarded import end_process
@@ -38,17 +39,19 @@ class _Compiler:
         lock: of one kernel at a time.
         process: None before the first kernel, and after one that has ended it.
         owner: number of the process that has started it.
+        used: when it has answered last [s].
     """
 
     lock: threading.Lock = field(default_factory=threading.Lock)
     process: subprocess.Popen[bytes] | None = None
     owner: int = 0
+    used: float = 0.0
 
     def has_compiled(self, message: bytes) -> bool:
         """Whether the process has compiled what a message asks for."""
         with self.lock:
             if self.process is not None and self.owner == os.getpid():
-                # It may have ended since the last kernel, for want of work or of memory.
+                # It may have been ended since the last kernel, for want of memory.
                 answer = self._answer(self.process, message)
                 if answer != _GONE:
                     return answer == _DONE
@@ -56,6 +59,7 @@ class _Compiler:
                 self.process, self.owner = _started(), os.getpid()
             except OSError:  # no further process may be had
                 return False
+            threading.Thread(target=self._end_idle, args=(self.process,), daemon=True).start()
             return self._answer(self.process, message) == _DONE
 
     def _answer(self, process: subprocess.Popen[bytes], message: bytes) -> bytes:
@@ -70,7 +74,19 @@ class _Compiler:
             # After Ctrl-C an answer is still to come, which is none to the next request.
             if answer == _GONE:
                 self.end()
+            self.used = monotonic()
         return answer
+
+    def _end_idle(self, process: subprocess.Popen[bytes]) -> None:
+        """End a process that has had no kernel to compile for long."""
+        while True:
+            sleep(max(0.0, self.used + _IDLE - monotonic()))
+            with self.lock:
+                if self.process is not process:
+                    return
+                if monotonic() - self.used >= _IDLE:
+                    self.end()
+                    return
 
     def end(self) -> None:
         """End the process."""
@@ -172,9 +188,8 @@ def serve() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # libraries print
     requests: queue.Queue[bytes] = queue.Queue()
     threading.Thread(target=_listen, args=(asked, requests), daemon=True).start()
-    with suppress(queue.Empty):
-        while True:
-            replies.write(_DONE if _compiled(requests.get(timeout=_IDLE)) else _FAILED)
+    while True:
+        replies.write(_DONE if _compiled(requests.get()) else _FAILED)
 
 
 def _listen(asked: BinaryIO, requests: queue.Queue[bytes]) -> None:

@@ -424,8 +424,9 @@ def test_blas_has_one_thread_in_a_stage_whatever_the_user_has_set(workshop: Work
     found: set[int] = set()
 
     def measure(context: StageContext) -> None:
-        pools = (pool for pool in threadpool_info() if pool["user_api"] == "blas")
-        found.update(pool["num_threads"] for pool in pools)
+        found.update(
+            each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"
+        )
         workshop.measure(context)
 
     workshop.stages[1] = replace(workshop.stages[1], run=measure)
