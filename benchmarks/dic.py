@@ -1,10 +1,11 @@
-"""Accuracy, covariance, speed and memory of the correlation, beside three other programs.
+"""Accuracy, covariance, speed and memory of the correlation, beside four other programs.
 
     python -m benchmarks.dic --data DIR [--peers PYTHON]   the reference pairs in DIR
     python -m benchmarks.dic --quick                       the small pairs of the tests, 45 s
 
 DIR holds `synthetic`, `semi_afm`, `challenge1_sample14`, `opencorr_shear` and `afm_di6`. PYTHON is
-an interpreter with pyxel-dic, muDIC and SUN-DIC; they then measure the same pairs in the same run.
+an interpreter with pyxel-dic, muDIC, SUN-DIC and pyvale; they then measure the same pairs in the
+same run.
 Times are CPU times of one thread, after compilation, the best of three.
 """
 
@@ -48,6 +49,7 @@ GOALS = {"TN": "<= 0.014", "HN": "<= 0.030", "HW": "<= 0.042"}
 FIXED = Options(roughness=0.3, roughness_w=np.inf)
 NOISE = float(np.hypot(9.0 / LEVEL_NM, 12**-0.5))  # levels, rounding included
 DRAWS = 100
+MARGIN = 10  # px: half the subset of benchmarks/dic_peers.py, where subsets have no centres
 
 
 def read_pair(folder: Path, name: str) -> dict[str, Any]:
@@ -60,11 +62,18 @@ def read_pair(folder: Path, name: str) -> dict[str, Any]:
     return {"f": f, "g": g, "mask": mask, **{k: truth[k] for k in ("u", "v", "w", "roi")}}
 
 
-def errors(found: Correlation, pair: dict[str, Any]) -> FloatArray:
-    """Root mean square error of u, v [px], w [levels]; u along the columns as in the truth."""
+def errors(found: Correlation, pair: dict[str, Any], margin: int = 0) -> FloatArray:
+    """Root mean square error of u, v [px], w [levels]; u along the columns as in the truth.
+
+    A margin [px] at the border of the region of interest is left out.
+    """
     motion = found.at_pixels()
     truth = [pair[k][pair["mask"]] for k in ("v", "u", "w")]
-    v, u, w = np.sqrt(np.mean((motion - np.column_stack(truth)) ** 2, axis=0))
+    (x0, y0), (x1, y1) = pair["roi"]
+    rows, cols = np.nonzero(pair["mask"])
+    inner = np.minimum(np.minimum(cols - x0, x1 - 1 - cols), np.minimum(rows - y0, y1 - 1 - rows))
+    deviation = (motion - np.column_stack(truth))[inner >= margin]
+    v, u, w = np.sqrt(np.mean(deviation**2, axis=0))
     return np.array([u, v, w])
 
 
@@ -277,13 +286,17 @@ def beside(pair: dict[str, Any], size: str, python: str | None) -> None:
         show(f"{size} pair, {name} [CPU-s]", cpu)
     if python is None:
         return
+    inner = errors(correlate(pair["f"], pair["g"], mask=pair["mask"]), pair, MARGIN)
+    for name, value in zip("uv", inner, strict=False):
+        show(f"{size} pair, prismid {MARGIN} px from the border, {name} rmse [px]", value)
     best = np.inf
     for answer in peers(pair, python):
         if "failed" in answer:
             print(f"{answer['program']} failed: {answer['failed']}")
             continue
         name = f"{answer['program']} ({answer['setting']})"
-        show(f"{size} pair, {name}, u rmse [px]", answer["u"])
+        for axis in "uv":
+            show(f"{size} pair, {name}, {axis} rmse [px]", answer[axis])
         show(f"{size} pair, {name} [CPU-s]", answer["cpu"])
         # Its best setting: the most accurate, the faster of equals.
         if answer["program"] == "pyxel" and "4 pixels" not in answer["setting"]:
