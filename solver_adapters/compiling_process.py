@@ -137,8 +137,9 @@ def made_by(dispatcher: Any, factory: Callable[..., Any], arguments: tuple[int, 
         factory: a function of a module.
         arguments: what it was called with.
     """
-    if isinstance(dispatcher._cache, _Cache):
-        dispatcher._cache.name = (factory.__module__, factory.__qualname__, arguments)
+    cache = getattr(dispatcher, "_cache", None)  # where nothing is compiled there is none
+    if isinstance(cache, _Cache):
+        cache.name = (factory.__module__, factory.__qualname__, arguments)
 
 
 class _Cache:
