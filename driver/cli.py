@@ -125,7 +125,8 @@ def init(
         Path, typer.Argument(metavar="DIR", parser=_path, help="folder of the new case")
     ],
     crystal: Annotated[
-        Crystal, typer.Option(help="slip systems and constants: a BCC steel, or copper")
+        Crystal,
+        typer.Option(help="slip systems and constants: a BCC steel, without {123} or with, copper"),
     ] = "bcc",
     shape: Annotated[
         Shape, typer.Option(help="triangular prism, bar, or a mesh of your own")

@@ -75,7 +75,7 @@ def _are_numbers(value: object, count: int) -> bool:
 Matrix = tuple[tuple[Number, ...], ...]
 Classes = tuple[Number, Number, Number, Number]
 Indices = tuple[Number, Number, Number]
-Crystal = Literal["bcc", "fcc"]
+Crystal = Literal["bcc", "bcc48", "fcc"]
 SlipSystems = Annotated[
     Literal["bcc", "bcc48", "fcc"] | tuple[tuple[Indices, Indices], ...],
     BeforeValidator(_named_or_listed),

@@ -308,7 +308,7 @@ def default_case(crystal: Crystal = "bcc", shape: Shape = "prism") -> Case:
             Grain(name="grain 1", euler_deg=(0.0, 0.0, 0.0)),
             Grain(name="grain 2", euler_deg=(30.0, 0.0, 0.0)),
         ),
-        material=MaterialTable() if crystal == "bcc" else COPPER,
+        material=COPPER if crystal == "fcc" else MaterialTable(slip_systems=crystal),
         images=Images(frames="images.tif", flats="flats.tif", repeats="repeats.tif"),
     )
 

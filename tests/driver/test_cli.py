@@ -15,14 +15,14 @@ from typer.testing import CliRunner, Result
 import driver
 import driver.export.command
 import driver.workflow
-from driver.case.model import CaseError, load_case
+from driver.case.model import CaseError, default_case, load_case
 from driver.cli import app
 from driver.common.errors import InputError
 from driver.doubts.finding import Finding
 from driver.doubts.magnitudes import youngs_modulus
 from driver.terminal import exit_codes
 from solver_adapters import kernels
-from solver_adapters.crystal import FCC
+from solver_adapters.crystal import BCC48, FCC
 from solver_adapters.interface import PreparedError, SolverError
 from tests.driver.ebsd_files import FIRST, grid, write_ang, write_ctf
 
@@ -446,6 +446,15 @@ def test_init_writes_a_case_of_the_crystal_and_shape_that_are_asked_for(tmp_path
     along = [np.array([1.0, 0.0, 0.0]), np.ones(3) / np.sqrt(3)]
     moduli = [youngs_modulus(direction, *stiffness) for direction in along]
     assert moduli == pytest.approx([66.7e3, 191.1e3], rel=3e-3)
+
+
+def test_init_writes_a_bcc_steel_with_the_slip_planes_123(tmp_path: Path) -> None:
+    found = CliRunner().invoke(app, ["init", str(tmp_path), "--crystal", "bcc48"])
+    assert found.exit_code == 0
+    case = load_case(tmp_path / "case.toml")
+    assert case.material.to_material().slip_systems == BCC48
+    without = case.with_values_at({"material.slip_systems": "bcc"})
+    assert without.model_dump() == default_case().model_dump()
 
 
 def test_init_overwrites_neither_a_case_nor_a_schema(tmp_path: Path) -> None:
