@@ -13,7 +13,8 @@ Where a crystal has fewer, null ones that never slip follow them.
 """
 MOST_SYSTEMS = SYSTEM_COUNTS[-1]
 """Most slip systems of a crystal."""
-N_110 = 12
+N_110, N_112 = 12, 12
+"""Systems of {110} and of {112}, with which `BCC` and `BCC48` begin."""
 
 _ROUNDING = 1e-6  # of the cosine of an angle
 

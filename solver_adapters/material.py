@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from math import inf
 from typing import Any, Literal
 
-from solver_adapters.crystal import BCC, SystemTable
+from solver_adapters.crystal import BCC, BCC48, SystemTable
 from solver_adapters.later_grains import SECOND, later_grain, ratio_name, ratio_of
 from solver_adapters.parameter import (
     FINITE,
@@ -30,7 +30,7 @@ class Material:
     with
 
     - grain: 1 in the first, tau0_grain2 in the second, those of tau0_grains in the later ones;
-    - family: tau0_112 of a {112} system, else 1;
+    - family: tau0_112 of a {112} system, tau0_123 of a {123} system, else 1;
     - sense: tau0_antitwinning where a {112} system slips in the antitwinning sense, else 1;
     - skin: 1 + (skin_tau0 - 1) * exp(-depth / skin_thickness) below the free surface, times
       exp(slope_Y * eta + bend_Y * (3 * eta**2 - 1) / 2 + slope_X * xi) inside the grain;
@@ -47,6 +47,7 @@ class Material:
         Q: saturated isotropic hardening [MPa], null 0.
         b: rate of the isotropic hardening [-], used only where Q or Q_latent is not 0.
         tau0_112: ratio of tau0 on {112}⟨111⟩ to {110}⟨111⟩ [-], null 1.
+        tau0_123: ratio of tau0 on {123}⟨111⟩ to {110}⟨111⟩ [-], null 1.
         tau0_grain2: ratio of tau0 in the second grain to the first [-], null 1.
         tau0_grains: ratios of the third and later grains to the first [-]; 1 for those not named.
         tau0_antitwinning: ratio of tau0 on {112} in the antitwinning sense to that in the
@@ -58,7 +59,8 @@ class Material:
         Q_latent: saturated hardening of a system by each other one [MPa], null 0; on top of
             Q h_latent, and there without Q, too.
         slip_systems: plane normal and slip direction of each system, at most 48. Those of BCC
-            (`crystal.BCC`) are the only ones with a second family, a sense of twinning and a1.
+            (`crystal.BCC`, `crystal.BCC48`) are the only ones with families of their own τ0, a
+            sense of twinning and a1.
         interaction: interaction matrix, a row and a column for each system [-]; None is the
             identity.
         c2: modulus of a second back stress [MPa], null 0.
@@ -90,6 +92,7 @@ class Material:
     Q: float = 0.0
     b: float = 30.0
     tau0_112: float = 1.0
+    tau0_123: float = 1.0
     tau0_grain2: float = 1.0
     tau0_grains: tuple[float, ...] = ()
     tau0_antitwinning: float = 1.0
@@ -128,8 +131,17 @@ TAU0_MODES: tuple[tuple[str, ...], ...] = tuple(
     tuple(f"tau0_grain{grain}_{shape}" for shape in _SHAPES) for grain in (1, 2)
 )
 """Names of the modes of ln τ₀ inside each of the first two grains."""
-OF_BCC = frozenset({"tau0_112", "tau0_antitwinning", "a1"})
-"""Scalars of the law that only the slip systems of BCC have."""
+_OF_CRYSTALS: dict[str, tuple[SystemTable, ...]] = {
+    **dict.fromkeys(("tau0_112", "tau0_antitwinning", "a1"), (BCC, BCC48)),
+    "tau0_123": (BCC48,),
+}
+
+
+def of_other_crystals(table: SystemTable) -> frozenset[str]:
+    """Return the scalars of the law that act on no slip system of a crystal."""
+    return frozenset(name for name, have in _OF_CRYSTALS.items() if table not in have)
+
+
 OF_SECOND_GRAIN = frozenset({"tau0_grain2", *TAU0_MODES[1]})
 """Scalars of the law that act on nothing in a single grain."""
 
@@ -244,6 +256,10 @@ def _of_two_grains(material: Material) -> tuple[Parameter, ...]:
         Parameter(
             "tau0_112", "", 1.0, 0.10, 0.3, 3.0, True, label="τ₀ of {112} / τ₀ of {110}",
             key="material.tau0_112", admissible=POSITIVE,
+        ),
+        Parameter(
+            "tau0_123", "", 1.0, 0.10, 0.3, 3.0, True, label="τ₀ of {123} / τ₀ of {110}",
+            key="material.tau0_123", admissible=POSITIVE,
         ),
         Parameter(
             "tau0_grain2", "", 1.0, 0.10, 0.3, 3.0, True, label="τ₀ of grain 2 / τ₀ of grain 1",

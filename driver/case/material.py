@@ -16,11 +16,11 @@ from solver_adapters.interaction import bcc24_classes
 from solver_adapters.material import (
     ELASTIC_CONSTANTS,
     MATERIAL_DECLARATIONS,
-    OF_BCC,
     TAU0_MODES,
     Material,
     admissible_at,
     least_C11,
+    of_other_crystals,
 )
 
 _INTERACTION = "a row of numbers for each slip system, or for bcc the four numbers [H1, H2, H3, H4]"
@@ -85,6 +85,7 @@ Ratio = Annotated[float, Field(strict=True, ge=1e-6, le=1e12)]
 Interaction = Annotated[Matrix | Classes | None, BeforeValidator(_matrix_or_classes)]
 
 
+_RATIOS = ("tau0_112", "tau0_123", "tau0_grain2", "tau0_antitwinning")
 # What a specimen may carry, in the unit of the key (docs/case-file.md says why). Ratios of τ₀ may
 # be so large that the systems they belong to never slip.
 _CARRIED: Mapping[str, tuple[float, float]] = {
@@ -96,7 +97,7 @@ _CARRIED: Mapping[str, tuple[float, float]] = {
     **dict.fromkeys(("Q_MPa", "Q_latent_MPa"), (0, 1e6)),
     **dict.fromkeys(("d", "d2", "b"), (0, 1e7)),
     "h_latent": (-1, 1e3),
-    **dict.fromkeys(("tau0_112", "tau0_grain2", "tau0_antitwinning"), (1e-6, 1e12)),
+    **dict.fromkeys(_RATIOS, (1e-6, 1e12)),
     "a1": (-1, 1),
     "eigenstrain": (-0.1, 0.1),
     "skin_tau0": (1e-3, 1e3),
@@ -152,6 +153,7 @@ class MaterialTable(Table):
     slip_systems: SlipSystems = Field(default="bcc", description=_SYSTEMS)
     interaction: Interaction = Field(default=None, description=_INTERACTION)
     tau0_112: float = _constant("tau0_112", "ratio of tau0 on {112}<111> to {110}<111>")
+    tau0_123: float = _constant("tau0_123", "ratio of tau0 on {123}<111> to {110}<111>")
     tau0_grain2: float = _constant("tau0_grain2", "ratio of tau0 in grain 2 to grain 1")
     tau0_grains: tuple[Ratio, ...] = Field(
         default=(),
@@ -213,7 +215,7 @@ class MaterialTable(Table):
             raise refusal(f"a number smaller in size than 1/d = {back_strain.upper:g}", "x0")
         return self
 
-    added: ClassVar[frozenset[str]] = frozenset({"slip_systems", "tau0_grains"})
+    added: ClassVar[frozenset[str]] = frozenset({"slip_systems", "tau0_123", "tau0_grains"})
 
     def _refuse_what_other_crystals_lack(self) -> None:
         table = self._system_table()
@@ -223,12 +225,11 @@ class MaterialTable(Table):
             if rows != count if listed else table != BCC:
                 found = f"{rows} {'rows' if listed else 'classes'} for {count} slip systems"
                 raise refusal(f"{count} rows of {count} numbers", "interaction", found)
-        if table == BCC:
-            return
-        for name in sorted(OF_BCC):
+        for name in sorted(of_other_crystals(table)):
             value, null = getattr(self, name), getattr(_CONSTANTS, name)
             if value != null:
-                raise refusal(f'{null:g}, for slip_systems is not "bcc"', name)
+                have = 'not "bcc48"' if name == "tau0_123" else 'neither "bcc" nor "bcc48"'
+                raise refusal(f"{null:g}, for slip_systems is {have}", name)
 
     def _system_table(self) -> SystemTable:
         if isinstance(self.slip_systems, str):

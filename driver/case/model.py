@@ -27,8 +27,7 @@ from driver.parameters.boundary import LAMBDAS
 from driver.parameters.microstructure import moves_boundary
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.registry import declared_parameters
-from solver_adapters.crystal import BCC
-from solver_adapters.material import OF_BCC
+from solver_adapters.material import of_other_crystals
 from templates import render
 
 AnyTable = TypeVar("AnyTable", bound=Table)
@@ -160,7 +159,7 @@ class Case(Table):
             for name in declared
             if name not in taken
             and (n_grains > 1 or not name.startswith(_OF_TWO_GRAINS))
-            and (law.slip_systems == BCC or name not in OF_BCC)
+            and name not in of_other_crystals(law.slip_systems)
         ]
         if self.specimen.boundaries_stay:
             known = [name for name in known if not moves_boundary(name)]

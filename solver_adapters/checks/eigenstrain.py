@@ -6,7 +6,7 @@ import numpy as np
 
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.constants import elastic_constants, grain_ratios
-from solver_adapters.crystal import N_110, slip_systems
+from solver_adapters.crystal import MOST_SYSTEMS, N_110, N_112, slip_systems
 from solver_adapters.interface import Simulation, UnsupportedError
 
 # Cells with plane faces as tetrahedra of their corners.
@@ -31,7 +31,8 @@ def refuse_yielding_eigenstrain(simulation: Simulation) -> None:
     along = simulation.orientations[:, 1]
     directions, normals = slip_systems(m.slip_systems)
     schmid = abs((along @ directions.T) * (along @ normals.T))
-    strength = m.tau0 * np.where(np.arange(len(normals)) < N_110, 1.0, m.tau0_112)
+    families = np.repeat([1.0, m.tau0_112, m.tau0_123], [N_110, N_112, MOST_SYSTEMS])
+    strength = m.tau0 * families[: len(normals)]
     yields = grain_ratios(m, len(along)) / (schmid / strength).max(axis=1)
     # Young's modulus of a cubic crystal along a unit vector in its axes.
     x, y, z = along.T**2

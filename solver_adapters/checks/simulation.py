@@ -20,7 +20,7 @@ from solver_adapters.checks.directions import refuse_bad_directions
 from solver_adapters.checks.eigenstrain import refuse_yielding_eigenstrain
 from solver_adapters.checks.mesh import refuse_bad_mesh
 from solver_adapters.checks.motion import refuse_bad_motion
-from solver_adapters.crystal import BCC, MOST_SYSTEMS, table_fault
+from solver_adapters.crystal import MOST_SYSTEMS, table_fault
 from solver_adapters.interface import (
     BadSimulationError,
     Integration,
@@ -31,11 +31,11 @@ from solver_adapters.material import (
     LATENT,
     LEAST_EXPONENT,
     MATERIAL_PARAMETERS,
-    OF_BCC,
     Material,
     StrainMeasure,
     admissible_at,
     least_C11,
+    of_other_crystals,
 )
 from solver_adapters.parameter import POSITIVE
 from solver_adapters.time_steps import SAME_INSTANT
@@ -92,11 +92,13 @@ def refuse_bad_material(m: Material) -> None:
             f"slip_systems has {fault}; expected 1 to {MOST_SYSTEMS} systems, each a plane normal "
             "and a slip direction in that plane"
         )
-    for name in sorted(OF_BCC):
+    for name in sorted(of_other_crystals(m.slip_systems)):
         value, null = getattr(m, name), getattr(Material(), name)
-        if m.slip_systems != BCC and value != null:
+        if value != null:
+            which = "BCC with {123}" if name == "tau0_123" else "BCC"
             raise UnsupportedError(
-                f"{name} is {value:g}; expected {null:g}, for the slip systems are not those of BCC"
+                f"{name} is {value:g}; expected {null:g}, for the slip systems are not those of "
+                f"{which}"
             )
     if m.interaction is not None:
         _refuse_bad_interaction(m.interaction, len(m.slip_systems))

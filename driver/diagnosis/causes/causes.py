@@ -112,6 +112,13 @@ LIBRARY: tuple[Cause, ...] = (
         label="{112} family",
     ),
     Cause(
+        "family_123", "material", ("tau0_123",),
+        "the {123} systems have another critical resolved shear stress than the {110} systems",
+        "slip traces on the deformed face: which planes carry the steps",
+        strongly_nonlinear=True, check_always=True,
+        label="{123} family",
+    ),
+    Cause(
         "grain_contrast", "material", ("tau0_grain2",),
         "the two grains have different critical resolved shear stresses",
         "nano-indentation of both grains, or their chemistry (interstitials) by atom probe",

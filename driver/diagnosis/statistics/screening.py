@@ -19,9 +19,8 @@ from driver.identification.objective import Objective
 from driver.parameters.history import HOLD
 from driver.parameters.instrument import PATTERN_DECLARATIONS
 from meshes.arrays import FloatArray
-from solver_adapters.crystal import BCC
 from solver_adapters.later_grains import SECOND, as_honoured, ratio_name
-from solver_adapters.material import MATERIAL_PARAMETERS, OF_BCC, OF_SECOND_GRAIN
+from solver_adapters.material import MATERIAL_PARAMETERS, OF_SECOND_GRAIN, of_other_crystals
 
 
 def screened(
@@ -47,8 +46,7 @@ def parameters_of_the_specimen(model: ForwardModel) -> frozenset[str]:
     law = frozenset((*MATERIAL_PARAMETERS, *map(ratio_name, range(3, model.n_grains + 1))))
     if model.n_grains < 2:
         law -= OF_SECOND_GRAIN
-    if model.material.slip_systems != BCC:
-        law -= OF_BCC
+    law -= of_other_crystals(model.material.slip_systems)
     if dwells(model.boundary.weights).any():
         law |= {HOLD}
     return seen | law | model.boundary.parameters | model.microstructure.parameters

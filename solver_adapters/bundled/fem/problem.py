@@ -117,7 +117,7 @@ class Tangents:
         weighted: derivative of their products with the weights, same shape.
         lengthening: relative change of the length of each interval, (n_times - 1, k).
         longer_step: change of the constants of each grain that does what a relatively longer
-            step does, (n_grains, 16).
+            step does, (n_grains, 17).
         dilatation: for each of `geometric` the derivative of the map of the dilatation; none
             where that is left alone.
     """

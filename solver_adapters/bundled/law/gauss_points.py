@@ -91,7 +91,7 @@ class PointTangents:
     """How the law of each Gauss point moves along k directions.
 
     Attributes:
-        local: derivative of the local constants, shape (n_grains, k, 16).
+        local: derivative of the local constants, shape (n_grains, k, 17).
         turn: for each direction the row of `frame` that holds its part of the points of a grain,
             0 for none, (n_grains, k).
         frame: `Points.frame` of the derivative of the rotations, the first row null,
@@ -121,7 +121,7 @@ class Points:
         strain_measure: "small" or "finite".
         exponential: whether the exponential scheme is used rather than backward Euler (`law`).
         grain: row of `local` of each point, shape (n_points,).
-        local: constants of each grain, shape (n_grains, 16), see `law.local_parameters`.
+        local: constants of each grain, shape (n_grains, 17), see `law.local_parameters`.
         frame_of: row of `rotation` of each point, shape (n_points,).
         rotation: crystal → specimen rotations, shape (n_frames, 3, 3).
         skin: factor on τ0 of each point, shape (n_points,).

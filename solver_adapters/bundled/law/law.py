@@ -31,7 +31,15 @@ import numpy as np
 
 from meshes.arrays import FloatArray
 from solver_adapters.constants import elastic_constants, grain_ratios
-from solver_adapters.crystal import BCC, N_110, SystemTable, schmid_tensors, slip_systems
+from solver_adapters.crystal import (
+    BCC,
+    BCC48,
+    N_110,
+    N_112,
+    SystemTable,
+    schmid_tensors,
+    slip_systems,
+)
 from solver_adapters.later_grains import later_grain
 from solver_adapters.material import Material
 
@@ -41,7 +49,8 @@ P_C11, P_C12, P_C44, P_K, P_N, P_C, P_D, P_Q, P_B, P_TAU110, P_TAU112 = range(11
 P_ASYMMETRY = 11
 # P_LATENT: what slip on one system hardens every other one by [MPa].
 P_A1, P_LATENT, P_C2, P_D2 = 12, 13, 14, 15
-N_LOCAL = 16
+P_TAU123 = 16
+N_LOCAL = 17
 
 # Slip below which a system counts as at rest.
 SLIP_AT_REST = 1e-15
@@ -71,7 +80,7 @@ _SPIN_MODES = _R2 * np.array(
 )
 # Orthonormal tensors without trace: five strains, three spins.
 SLIP_MODES = np.concatenate([STRAIN_MODES[:5], _SPIN_MODES])
-FIRST_112 = N_110
+FIRST_112, FIRST_123 = N_110, N_110 + N_112
 
 
 @dataclass(frozen=True)
@@ -141,13 +150,14 @@ def system_modes(table: SystemTable) -> SystemModes:
     """Return the slip systems of a table as kernels take them."""
     tensors = schmid_tensors(table)
     conjugate, sense = np.zeros_like(tensors), np.zeros(len(tensors))
-    if table == BCC:
+    if table in (BCC, BCC48):
         m, n = slip_systems(table)
         # The {110} plane 60° away from n has the normal n/2 + S √3/2 (m × n) for slip of sign S:
         # its part along n scales τ, the rest is √3/2 m ⊗ (m × n).
         across = np.sqrt(0.75) * np.einsum("si,sj->sij", m, np.cross(m, n))
         conjugate[:FIRST_112] = across[:FIRST_112]
-        sense[FIRST_112:] = np.sign(np.prod(m * n, axis=1))[FIRST_112:]
+        of_112 = slice(FIRST_112, FIRST_123)
+        sense[of_112] = np.sign(np.prod(m * n, axis=1))[of_112]
     return SystemModes(tensors, _in_modes(tensors), _in_modes(conjugate), sense)
 
 
@@ -156,7 +166,7 @@ def _in_modes(tensors: FloatArray) -> FloatArray:
 
 
 def local_parameters(material: Material, n_grains: int) -> FloatArray:
-    """Constants of each grain in the order of the P_ indices, shape (n_grains, 16)."""
+    """Constants of each grain in the order of the P_ indices, shape (n_grains, 17)."""
     m = material
     table = np.empty((n_grains, N_LOCAL))
     table[:, [P_C11, P_C12, P_C44]] = elastic_constants(m)
@@ -167,6 +177,7 @@ def local_parameters(material: Material, n_grains: int) -> FloatArray:
     table[:, P_TAU110] = tau0
     table[:, P_TAU112] = tau0 * m.tau0_112 * (0.5 * (1.0 + m.tau0_antitwinning))
     table[:, P_ASYMMETRY] = tau0 * m.tau0_112 * (0.5 * (m.tau0_antitwinning - 1.0))
+    table[:, P_TAU123] = tau0 * m.tau0_123
     return table
 
 
@@ -183,13 +194,13 @@ _DIRECT = {
     "d2": P_D2,
 }
 _ELASTIC = ("C11", "C12", "C44", "elastic_scale", "C44_scale")
-_TAU0 = ("tau0", "tau0_112", "tau0_grain2", "tau0_antitwinning")
+_TAU0 = ("tau0", "tau0_112", "tau0_123", "tau0_grain2", "tau0_antitwinning")
 
 
 def local_tangent(material: Material, n_grains: int, name: str) -> FloatArray:
     """Return the derivative of `local_parameters` with respect to one scalar of the material.
 
-    Shape (n_grains, 16); null for scalars that act otherwise (`fields.AT_REST`).
+    Shape (n_grains, 17); null for scalars that act otherwise (`fields.AT_REST`).
     """
     m = material
     tangent = np.zeros((n_grains, N_LOCAL))
@@ -212,12 +223,14 @@ def local_tangent(material: Material, n_grains: int, name: str) -> FloatArray:
     elif name in _TAU0 or later_grain(name) is not None:
         ratio = grain_ratios(m, n_grains)
         first, family, anti = m.tau0, m.tau0_112, m.tau0_antitwinning
-        d_family, d_anti = 0.0, 0.0
+        d_family, d_123, d_anti = 0.0, 0.0, 0.0
         d_tau0 = np.zeros(n_grains)
         if name == "tau0":
             d_tau0 = ratio
         elif name == "tau0_112":
             d_family = 1.0
+        elif name == "tau0_123":
+            d_123 = 1.0
         elif name == "tau0_antitwinning":
             d_anti = 1.0
         else:
@@ -228,16 +241,17 @@ def local_tangent(material: Material, n_grains: int, name: str) -> FloatArray:
         tangent[:, P_TAU110] = d_tau0
         tangent[:, P_TAU112] = 0.5 * (d_tau112 * (1.0 + anti) + tau0 * family * d_anti)
         tangent[:, P_ASYMMETRY] = 0.5 * (d_tau112 * (anti - 1.0) + tau0 * family * d_anti)
+        tangent[:, P_TAU123] = d_tau0 * m.tau0_123 + tau0 * d_123
     return tangent
 
 
 def longer_step_tangent(local: FloatArray) -> FloatArray:
-    """Change of the constants that does to a step what a change of ln Δt does, (n_grains, 16).
+    """Change of the constants that does to a step what a change of ln Δt does, (n_grains, 17).
 
     Δt K⁻ⁿ is all that a step knows of its length: d ln K = −d ln Δt / n.
 
     Args:
-        local: constants of each grain, (n_grains, 16).
+        local: constants of each grain, (n_grains, 17).
     """
     tangent = np.zeros_like(local)
     tangent[:, P_K] = -local[:, P_K] / local[:, P_N]

@@ -10,6 +10,7 @@ from solver_adapters.bundled.law.back_strain import gained, growth, share_left
 from solver_adapters.bundled.law.fast_math import decay, fast_exp, fast_log
 from solver_adapters.bundled.law.law import (
     FIRST_112,
+    FIRST_123,
     P_A1,
     P_ASYMMETRY,
     P_C,
@@ -19,6 +20,7 @@ from solver_adapters.bundled.law.law import (
     P_N,
     P_TAU110,
     P_TAU112,
+    P_TAU123,
     SLIP_AT_REST,
     SLIP_START,
 )
@@ -71,6 +73,17 @@ _EXPONENT_OF_64 = 1029
 
 
 @kernel
+def of_family(p: FloatArray, s: int) -> float:
+    """Return the entry of constants (17,) that is the τ0 of the family of a slip system."""
+    found: float = p[P_TAU123]
+    if s < FIRST_112:
+        found = p[P_TAU110]
+    elif s < FIRST_123:
+        found = p[P_TAU112]
+    return found
+
+
+@kernel
 def prepare_slip(w: FloatArray, interaction: FloatArray, sense: FloatArray) -> None:
     """Put interaction matrix (NS, NS) and twinning senses (NS) into a fresh workspace."""
     for s in range(NS):
@@ -98,7 +111,7 @@ def load_point(
         w[X0 + s] = state[S_X + s]
         w[OVER0 + s] = state[S_OVER + s]
         w[ACC0 + s] = state[S_ACC + s]
-        w[TAU0 + s] = skin * (p[P_TAU110] if s < FIRST_112 else p[P_TAU112])
+        w[TAU0 + s] = skin * of_family(p, s)
         w[ASYMMETRY + s] = -skin * p[P_ASYMMETRY] * w[SENSE + s]
         w[RISE + s] = 0.0
         w[SLOPE + s] = 0.0

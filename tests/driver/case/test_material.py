@@ -9,7 +9,7 @@ from driver.case.material import MaterialTable
 from solver_adapters.constants import interaction_matrix
 from solver_adapters.crystal import BCC, BCC48, FCC
 from solver_adapters.interaction import bcc24_classes
-from solver_adapters.material import MATERIAL_DECLARATIONS, OF_BCC, Material
+from solver_adapters.material import MATERIAL_DECLARATIONS, Material, of_other_crystals
 from tests.driver.case.tables import refused
 
 
@@ -86,8 +86,10 @@ def test_whatever_a_fit_may_find_may_be_stated() -> None:
     """An extended case states what was found."""
     for parameter in MATERIAL_DECLARATIONS:
         key = parameter.key.removeprefix("material.")
+        crystal = "bcc48" if parameter.name == "tau0_123" else "bcc"
         for value in (parameter.lower, parameter.upper):
-            assert getattr(MaterialTable.model_validate({key: value}), key) == value
+            stated = {"slip_systems": crystal, key: value}
+            assert getattr(MaterialTable.model_validate(stated), key) == value
 
 
 def test_slip_systems_are_those_of_a_crystal_by_name_or_a_table() -> None:
@@ -120,11 +122,18 @@ def test_what_are_no_slip_systems_is_refused_with_what_would_be(systems: object)
     assert key == "slip_systems" and expected.startswith('"bcc", "bcc48", "fcc", or 1 to 48 ')
 
 
-@pytest.mark.parametrize("name", sorted(OF_BCC))
+@pytest.mark.parametrize("name", sorted(of_other_crystals(FCC)))
 def test_what_only_bcc_has_is_refused_of_another_crystal(name: str) -> None:
     key, expected = refused(MaterialTable, slip_systems="fcc", **{name: 0.5})
-    assert key == name and expected.endswith('for slip_systems is not "bcc"')
-    assert MaterialTable.model_validate({name: 0.5}).to_material().slip_systems == BCC
+    assert key == name and "for slip_systems is " in expected
+    law = MaterialTable.model_validate({"slip_systems": "bcc48", name: 0.5}).to_material()
+    assert getattr(law, name) == 0.5
+
+
+def test_the_ratio_of_the_systems_123_is_refused_where_there_are_none() -> None:
+    key, expected = refused(MaterialTable, tau0_123=0.5)
+    assert key == "tau0_123" and expected.endswith('for slip_systems is not "bcc48"')
+    assert of_other_crystals(BCC) == {"tau0_123"} and not of_other_crystals(BCC48)
 
 
 def test_an_interaction_has_a_row_for_each_system() -> None:

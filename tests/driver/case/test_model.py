@@ -70,7 +70,7 @@ def refused(tmp_path: Path, *changes: tuple[str, str]) -> list[str]:
         ('fine_mesh_size_um = "auto"', "fine_mesh_size_um = 1.0", "specimen.mesh_size_um",
          '"auto"', 'a number, or fine_mesh_size_um = "auto" as well'),
         ('parameters = ["tau0", "c", "d"]', 'parameters = ["tau_0"]',
-         "identification.parameters", '"tau_0"', "tau0 or tau0_112, or another of the"),
+         "identification.parameters", '"tau_0"', "tau0 or tau0_123 or tau0_112, or another of the"),
         ('parameters = ["tau0", "c", "d"]', 'parameters = ["C11"]',
          "identification.parameters", '"C11"', "one of tau0, c, d, K"),
         ("[extensions]", "[extensions]\ntau0_gr2 = 1.0", "extensions", 'the name "tau0_gr2"',

@@ -37,6 +37,10 @@ def cauchy_stress(
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     n = len(normals)
+    # The family of a system by the indices of its plane, and not by its place in the table.
+    ratios = {(1, 1, 2): material.tau0_112, (1, 2, 3): material.tau0_123}
+    families = [tuple(sorted(map(abs, plane))) for plane, _ in systems]
+    critical = material.tau0 * np.array([ratios.get(family, 1.0) for family in families])
 
     def elastic(t: float, inverse: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Fe from the crystal at rest, and the second Piola–Kirchhoff stress in its axes."""
@@ -55,7 +59,7 @@ def cauchy_stress(
         Fe, stress = elastic(t, inverse)
         mandel = Fe.T @ Fe @ stress
         tau = np.einsum("si,ij,sj->s", directions, mandel, normals) - material.c * x
-        over = np.maximum(np.abs(tau) - material.tau0, 0.0)
+        over = np.maximum(np.abs(tau) - critical, 0.0)
         # The bound is that of no solution: it keeps trial steps finite.
         slip = np.sign(tau) * np.minimum(over / material.K, 10.0) ** material.n
         velocity = np.einsum("s,si,sj->ij", slip, directions, normals)

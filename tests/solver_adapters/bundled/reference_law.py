@@ -29,10 +29,11 @@ from solver_adapters.bundled.law.law import (
     P_Q,
     P_TAU110,
     P_TAU112,
+    P_TAU123,
     STRAIN_MODES,
     StateLayout,
 )
-from solver_adapters.crystal import BCC, SystemTable, schmid_tensors, slip_systems
+from solver_adapters.crystal import BCC, BCC48, SystemTable, schmid_tensors, slip_systems
 
 AnyArray = NDArray[Any]
 COMPLEX_STEP = 1e-30
@@ -41,7 +42,7 @@ COMPLEX_STEP = 1e-30
 @dataclass(frozen=True, eq=False)
 class Step:
     """A step of one point: displacement gradient H (3, 3), crystal rotation R (3, 3), constants
-    (16,), state at the start (105,), length dt [s], factor on τ0, interaction matrix (24, 24),
+    (17,), state at the start (105,), length dt [s], factor on τ0, interaction matrix (24, 24),
     slip systems (of more than 24, state and matrix are larger); whatever is complex is
     differentiated.
     """
@@ -102,7 +103,7 @@ def driving_stress(step: Step, slip: AnyArray, sign: AnyArray) -> AnyArray:
     tau = np.einsum("sij,ij->s", schmid_tensors(step.systems), stress)
     driving = (sign * tau).astype(np.result_type(tau, step.constants))
     directions, normals = slip_systems(step.systems)
-    for s in range(12 if step.systems == BCC else 0):
+    for s in range(12 if step.systems in (BCC, BCC48) else 0):
         direction = sign[s] * directions[s]
         # The {110} plane of the zone of the slip direction at +60° from the slip plane.
         plane = rotate(normals[s], direction, np.pi / 3)
@@ -120,12 +121,12 @@ def rotate(vector: AnyArray, axis: AnyArray, angle: float) -> AnyArray:
 def threshold(step: Step, sign: AnyArray, total: AnyArray) -> AnyArray:
     """Critical resolved shear stress of each system for a sense of slip, (n,)."""
     p = step.constants
-    first = np.arange(step.n) < 12
-    tau0 = np.where(first, p[P_TAU110], p[P_TAU112])
-    if step.systems == BCC:
+    order = np.arange(step.n)
+    tau0 = np.select([order < 12, order < 24], [p[P_TAU110], p[P_TAU112]], p[P_TAU123])
+    if step.systems in (BCC, BCC48):
         # In the frame where m is along [111], the twinning sense has n along [-1 -1 2].
-        twinning = np.sign(np.prod(slip_systems(BCC), axis=(0, 2))) * sign
-        tau0 = tau0 - np.where(first, 0.0, twinning) * p[P_ASYMMETRY]
+        twinning = np.sign(np.prod(slip_systems(step.systems), axis=(0, 2))) * sign
+        tau0 = tau0 - np.where((order >= 12) & (order < 24), twinning, 0.0) * p[P_ASYMMETRY]
     modulus = p[P_Q] * step.interaction + p[P_LATENT] * (1 - np.eye(step.n))
     return np.asarray(step.skin * tau0 + modulus @ (1 - np.exp(-p[P_B] * total)))
 

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from solver_adapters.bundled.law.gauss_points import Points, points_of_grains
-from solver_adapters.crystal import BCC, BCC48, FCC, bunge_matrix
+from solver_adapters.crystal import BCC, BCC48, FCC, SystemTable, bunge_matrix
 from solver_adapters.interface import Integration
 from solver_adapters.material import Material, StrainMeasure
 from tests.solver_adapters.bundled.rate_equations import cauchy_stress
@@ -22,11 +22,16 @@ R = bunge_matrix(281, 8, 47)
 REVERSAL = 80
 
 
-OTHERS = {"fcc": FCC, "123": BCC48[24:], "48 of bcc": BCC48}
+OTHERS = {
+    "fcc": Material(slip_systems=FCC),
+    "123": Material(slip_systems=BCC48[24:]),
+    "48 of bcc": Material(slip_systems=BCC48),
+    "48 of bcc, three families": Material(slip_systems=BCC48, tau0_112=1.15, tau0_123=0.85),
+}
 # Those of 48 need kernels of their own, whose compilation takes half a minute.
 NAMES = [
-    pytest.param(name, marks=[pytest.mark.slow] if len(systems) > 24 else [])
-    for name, systems in sorted(OTHERS.items())
+    pytest.param(name, marks=[pytest.mark.slow] if len(law.slip_systems) > 24 else [])
+    for name, law in sorted(OTHERS.items())
 ]
 
 
@@ -88,7 +93,9 @@ def test_backward_euler_is_of_first_order_against_the_rate_equations(
     assert (orders < 1.1).all()
 
 
-def _uniaxial_stress(points: Points, axis: int, times: AnyArray, strains: AnyArray) -> AnyArray:
+def _uniaxial_stress(
+    points: Points, axis: int, times: AnyArray, strains: AnyArray, systems: SystemTable = BCC
+) -> AnyArray:
     """Stress along `axis` when all other stresses vanish, small strain, shape (n_times,)."""
     i, j = np.array([[0, 0], [1, 1], [2, 2], [0, 1], [0, 2], [1, 2]]).T
     basis = np.zeros((6, 3, 3))
@@ -96,7 +103,8 @@ def _uniaxial_stress(points: Points, axis: int, times: AnyArray, strains: AnyArr
     free = np.array([k for k in range(6) if k != axis])
     rows = (basis @ R).reshape(6, 9)
     strain = np.zeros(6)
-    state, slips = state_at_rest(points), np.zeros((1, 24))
+    state = state_at_rest(points, systems)
+    slips = np.zeros((1, points.n_systems))
     found = [0.0]
     for dt, target in zip(np.diff(times), strains[1:], strict=True):
         strain[axis] = target
@@ -132,6 +140,15 @@ def test_without_the_112_family_uniaxial_cycles_agree_with_an_octahedral_solutio
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * abs(expected).max())
 
 
+@pytest.mark.slow
+def test_systems_123_that_never_yield_leave_those_of_bcc() -> None:
+    with np.load(DATA / "code_aster_point.npz") as data:
+        times, strains, _, expected = data["table"][:, :4].T
+    law = Material(strain_measure="small", slip_systems=BCC48, tau0_123=1e9)
+    found = _uniaxial_stress(_points(law), 1, times, strains, BCC48)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * abs(expected).max())
+
+
 SLOW = np.arange(0, 160, 4)
 """Rows of the reference, loading and half of the unloading."""
 
@@ -152,10 +169,11 @@ def test_other_slip_systems_follow_their_rate_equations_in_finite_strain(name: s
     """Of first order in the length of the steps, as those of BCC."""
     with np.load(DATA / "crystal_point.npz") as data:
         t, e = data["finite"][SLOW, :2].T
-    systems = OTHERS[name]
-    expected = cauchy_stress(Material(), systems, R, _strain_at(t, e), t)
+    law = OTHERS[name]
+    systems = law.slip_systems
+    expected = cauchy_stress(law, systems, R, _strain_at(t, e), t)
     of_bcc = cauchy_stress(Material(), BCC, R, _strain_at(t, e), t)
-    points = _points(Material(slip_systems=systems))
+    points = _points(law)
     errors = []
     for substeps in (4, 8, 16):
         state, off = state_at_rest(points, systems), []

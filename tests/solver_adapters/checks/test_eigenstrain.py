@@ -9,6 +9,7 @@ import pytest
 
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.checks.simulation import refuse_bad_simulation
+from solver_adapters.crystal import BCC48
 from solver_adapters.interface import (
     UnsupportedError,
 )
@@ -33,6 +34,11 @@ DIAGONAL = np.stack([ACROSS, np.ones(3) / np.sqrt(3), np.cross(ACROSS, np.ones(3
         ({"tau0": 20.0}, 2, 20 / (np.sqrt(8) / 9)),
         ({"tau0_grain2": 2.0}, 1, 40 / (np.sqrt(2) / 3)),
         ({"tau0_grain2": 2.0, "tau0_112": 1.3}, 1, 40 * np.sqrt(6)),
+        (
+            {"tau0_grain2": 2.0, "tau0_112": 1.3, "slip_systems": BCC48, "tau0_123": 0.9},
+            1,
+            0.9 * 40 * np.sqrt(42) / 3,
+        ),
     ],
 )
 def test_an_eigenstrain_may_stress_a_specimen_up_to_its_yield(

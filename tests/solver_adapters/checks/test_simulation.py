@@ -58,6 +58,10 @@ UNSUPPORTED: list[tuple[Simulation, str]] = [
         "a1 is 0.1; expected 0, for the slip systems are not those of BCC",
     ),
     (
+        of_material(tau0_123=1.1),
+        "tau0_123 is 1.1; expected 1, for the slip systems are not those of BCC with {123}",
+    ),
+    (
         of_material(slip_systems=FCC, interaction=((1.0,) * 24,) * 24),
         "interaction has 24 rows of [24] numbers; expected 12 rows of 12",
     ),

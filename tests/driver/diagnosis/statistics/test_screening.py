@@ -7,8 +7,8 @@ import pytest
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.statistics.score_test import effects_of
 from driver.diagnosis.statistics.screening import parameters_of_the_specimen, screen, screened
-from solver_adapters.crystal import FCC
-from solver_adapters.material import OF_BCC
+from solver_adapters.crystal import BCC, BCC48, FCC
+from solver_adapters.material import of_other_crystals
 from tools import closed_form
 from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
@@ -35,7 +35,12 @@ def test_scores_of_small_effects_are_what_a_refit_finds() -> None:
 
 def test_causes_that_only_bcc_has_are_not_examined_in_another_crystal() -> None:
     bcc = BENCH.model
-    fcc = replace(bcc, material=replace(bcc.material, slip_systems=FCC))
-    candidates = [{cause.name for cause in screened(m, (), None)[0]} for m in (bcc, fcc)]
+    fcc, bcc48 = (
+        replace(bcc, material=replace(bcc.material, slip_systems=systems))
+        for systems in (FCC, BCC48)
+    )
+    candidates = [{cause.name for cause in screened(m, (), None)[0]} for m in (bcc, fcc, bcc48)]
     assert candidates[0] - candidates[1] == {"family_112", "twinning_asymmetry", "non_schmid"}
-    assert parameters_of_the_specimen(bcc) - parameters_of_the_specimen(fcc) == OF_BCC
+    assert candidates[2] - candidates[0] == {"family_123"}
+    lost = parameters_of_the_specimen(bcc) - parameters_of_the_specimen(fcc)
+    assert lost == of_other_crystals(FCC) - of_other_crystals(BCC)

@@ -16,9 +16,9 @@ from solver_adapters.bundled.law.gauss_points import (
     PointTangents,
     points_of_grains,
 )
-from solver_adapters.bundled.law.law import N_LOCAL, P_A1
+from solver_adapters.bundled.law.law import N_LOCAL
 from solver_adapters.bundled.law.point_kernels import SLIP_TOLERANCE
-from solver_adapters.crystal import BCC, BCC48, bunge_matrix
+from solver_adapters.crystal import BCC48, bunge_matrix
 from solver_adapters.interaction import bcc24_classes
 from solver_adapters.interface import Integration
 from solver_adapters.material import Material, StrainMeasure
@@ -95,6 +95,9 @@ LAWS = {
         interaction=tuple(map(tuple, UNSYMMETRIC)),
     ),
     "48 systems": Material(slip_systems=BCC48, tau0_grain2=0.9),
+    "48 systems, families, asymmetry, non-Schmid": Material(
+        slip_systems=BCC48, tau0_112=1.07, tau0_123=0.93, tau0_antitwinning=1.2, a1=0.3
+    ),
     "48 systems, latent, second back stress": Material(
         slip_systems=BCC48, Q=15.0, b=40.0, h_latent=0.4, c2=4000.0, d2=120.0
     ),
@@ -253,8 +256,6 @@ def test_directional_derivatives_are_the_complex_step_of_the_equations(solved: S
     local, state = np.zeros((2, count, N_LOCAL)), np.zeros((N_POINTS, n_state, count))
     H, rotation = np.zeros((N_POINTS, 9, count)), np.zeros((2, count, 3, 3))
     local[:, np.arange(N_LOCAL), np.arange(N_LOCAL)] = 1.0
-    if solved.law.slip_systems != BCC:
-        local[:, P_A1] = 0.0  # of BCC alone: elsewhere it is refused
     state[:, np.arange(n_state), N_LOCAL + np.arange(n_state)] = 1.0
     H[:, np.arange(9), N_LOCAL + n_state + np.arange(9)] = 1.0
     for row, spin in enumerate(spins, start=N_LOCAL + n_state + 9):

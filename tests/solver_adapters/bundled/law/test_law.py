@@ -12,19 +12,21 @@ from solver_adapters.bundled.law.law import (
     P_N,
     P_TAU110,
     P_TAU112,
+    P_TAU123,
     SLIP_MODES,
     local_parameters,
     local_tangent,
     longer_step_tangent,
     system_modes,
 )
-from solver_adapters.crystal import BCC, schmid_tensors, slip_systems
+from solver_adapters.crystal import BCC, BCC48, schmid_tensors, slip_systems
 from solver_adapters.material import MATERIAL_PARAMETERS, Material
 
 MODES = system_modes(BCC)
 MATERIAL = Material(
     Q=12.0,
     tau0_112=1.1,
+    tau0_123=0.8,
     tau0_grain2=0.9,
     tau0_grains=(1.3,),
     tau0_antitwinning=1.2,
@@ -50,6 +52,7 @@ def test_the_ratios_of_tau0_act_on_their_family_and_on_their_grain() -> None:
     table = local_parameters(replace(MATERIAL, tau0_antitwinning=1.0), 4)
     np.testing.assert_allclose(table[:, P_TAU110], [40.0, 36.0, 52.0, 40.0])
     np.testing.assert_allclose(table[:, P_TAU112], [44.0, 39.6, 57.2, 44.0])
+    np.testing.assert_allclose(table[:, P_TAU123], [32.0, 28.8, 41.6, 32.0])
 
 
 def test_the_ratio_of_the_senses_leaves_the_twinning_sense_as_it_is() -> None:
@@ -66,6 +69,7 @@ def test_the_twinning_system_of_the_textbooks_shears_in_the_twinning_sense() -> 
     sense = np.sign((n[s] @ plane) * (m[s] @ shear))
     assert MODES.sense[s] == sense
     assert not MODES.sense[:12].any() and MODES.sense[12:].all()
+    np.testing.assert_array_equal(system_modes(BCC48).sense, np.append(MODES.sense, np.zeros(24)))
 
 
 def test_the_conjugate_planes_are_those_of_the_literature() -> None:
