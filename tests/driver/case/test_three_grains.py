@@ -10,7 +10,7 @@ import pytest
 from driver.case.model import Case, CaseError, case_text, default_case, load_case
 from driver.workflow.engine import stage_inputs
 from driver.workflow.pipeline import stages
-from tests.driver.three_grains import BOUNDARIES, three_grains
+from tools.three_grains import BOUNDARIES, three_grains
 
 
 def refusals(tmp_path: Path, old: str, new: str) -> list[str]:

@@ -22,7 +22,7 @@ from driver.workflow.engine import stage_inputs
 from driver.workflow.pipeline import stages
 from meshes.arrays import FloatArray, IntArray
 from solver_adapters.bundled.adapter import BundledAdapter
-from tests.driver.three_grains import tables
+from tools.three_grains import tables
 
 ROWS, COLUMNS, PIXEL, ORIGIN = 60, 150, 0.1, (29.5, 14.5)
 SLOPE = -0.2

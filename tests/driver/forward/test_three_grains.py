@@ -13,7 +13,7 @@ from driver.forward.build import adapter_of, build_model, mesh_of
 from driver.forward.model import ForwardModel
 from driver.virtual.truth import stage_program
 from meshes.arrays import FloatArray
-from tests.driver.three_grains import three_grains
+from tools.three_grains import three_grains
 
 STEPS = {
     "tau0_grain3": 1e-3,
