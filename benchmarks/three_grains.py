@@ -52,7 +52,7 @@ def answer(folder: Path, effect: str) -> dict[str, Any]:
     if not data.exists():
         folder.mkdir(parents=True, exist_ok=True)
         case = three_grains(
-            specimen={"mesh_size_um": 1.33, "fine_mesh_size_um": 0.667},
+            specimen={"mesh_size_um": 1.34, "fine_mesh_size_um": 0.667},
             material={"strain_measure": "small"},
             diagnosis={"refit": 3, "held_out_cycle": "none"},
             execution={"processes": 1},
