@@ -10,6 +10,7 @@ from driver.case.file_names import read_from
 from driver.case.model import CASE_FILE, Case
 from driver.common.errors import InputError
 from driver.common.formatting import cost_told
+from driver.common.parallel import blas_on_one_thread
 from driver.common.progress import tenths
 from driver.experiment.history import read_history
 from driver.forward.build import adapter_of, capabilities_of, geometry_of, mesh_of
@@ -34,6 +35,7 @@ _PIXEL_SECONDS = {True: 25e-6, False: 6e-6}
 _PIXEL_BYTES = 64
 
 
+@blas_on_one_thread()
 def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int) -> None:
     """Simulate the test of a case and photograph it.
 

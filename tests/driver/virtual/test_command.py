@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from driver.case.model import Case, load_case, write_case
 from driver.common.errors import InputError
@@ -171,6 +172,23 @@ def test_an_experiment_that_is_interrupted_leaves_an_empty_folder(
         with pytest.raises(KeyboardInterrupt):
             virtual(case, settings, out, 3)
         assert not list(out.iterdir())
+
+
+def test_blas_has_one_thread_whatever_the_user_has_set(
+    made: tuple[Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the last digits of an experiment would depend on the cores of the machine."""
+    threads: list[int] = []
+
+    def seen(*_: object) -> None:
+        blas = [found for found in threadpool_info() if found["user_api"] == "blas"]
+        threads.extend(found["num_threads"] for found in blas)
+
+    monkeypatch.setattr(build, "find_adapter", solver)
+    monkeypatch.setattr("driver.virtual.command.record", seen)
+    with threadpool_limits(2, "blas"):
+        virtual(made[0] / "case.toml", made[0] / "settings.toml", tmp_path / "out", 3)
+    assert set(threads) == {1}
 
 
 def test_a_folder_with_files_is_not_written_to(tmp_path: Path) -> None:
