@@ -37,9 +37,9 @@ def cauchy_stress(
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     n = len(normals)
-    # The family of a system by the indices of its plane, and not by its place in the table.
-    ratios = {(1, 1, 2): material.tau0_112, (1, 2, 3): material.tau0_123}
-    families = [tuple(sorted(map(abs, plane))) for plane, _ in systems]
+    # The family of a system by the length of its plane normal, and not by its place in the table.
+    ratios = {1 + 1 + 4: material.tau0_112, 1 + 4 + 9: material.tau0_123}
+    families = [round(sum(index**2 for index in plane)) for plane, _ in systems]
     critical = material.tau0 * np.array([ratios.get(family, 1.0) for family in families])
 
     def elastic(t: float, inverse: FloatArray) -> tuple[FloatArray, FloatArray]:
