@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from driver.case.model import CASE_FILE, write_case
+from driver.common.progress import progress_to
 from driver.results.files import DIAGNOSIS
 from driver.virtual.command import virtual
 from driver.workflow.pipeline import run
@@ -88,10 +89,11 @@ def told(effect: str, found: dict[str, Any]) -> str:
 def main() -> None:
     """Print a line for each effect."""
     folder, *asked = sys.argv[1:]
-    for effect in asked or EFFECTS:
-        started = time.process_time()
-        found = answer(Path(folder) / effect, effect)
-        print(f"{told(effect, found)}; {time.process_time() - started:.0f} CPU-s", flush=True)
+    with progress_to(lambda line: print(line, file=sys.stderr, flush=True)):
+        for effect in asked or EFFECTS:
+            started = time.process_time()
+            found = answer(Path(folder) / effect, effect)
+            print(f"{told(effect, found)}; {time.process_time() - started:.0f} CPU-s", flush=True)
 
 
 if __name__ == "__main__":

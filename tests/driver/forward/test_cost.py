@@ -1,9 +1,14 @@
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
+
+import pytest
 
 from driver.case.model import load_case
 from driver.forward.cost import simulation_memory, simulation_seconds, systems_of
+from meshes.prism import CellKind
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
 
@@ -28,3 +33,15 @@ def test_more_slip_systems_take_more_time_and_memory() -> None:
     assert 1.0 < times[1] / times[0] < 2.0
     memory = [simulation_memory("tet10", 574, 97, 20, systems=count) for count in (24, 48)]
     assert memory[1] > memory[0]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="the peak is counted in KiB on Linux")
+@pytest.mark.parametrize(("kind", "size"), [("hex20", 0.667), ("tet10", 0.6)])
+def test_the_memory_of_a_large_mesh_is_known_before(kind: CellKind, size: float) -> None:
+    """Beside the libraries it is that of the matrix and its factor."""
+    command = [sys.executable, "-m", "tests.driver.forward.peak_memory", kind, str(size)]
+    found = subprocess.run(command, capture_output=True, text=True, check=True)
+    n_cells, n_images, peak = map(int, found.stdout.split())
+    assert n_cells > 1000 and peak > 600e6
+    assert 0.9 < simulation_memory(kind, n_cells, n_images) / peak < 1.25
