@@ -71,8 +71,8 @@ def test_both_meshes_are_simulated_side_by_side_with_the_same_numbers_and_words(
         np.testing.assert_array_equal(one.motion, other.motion)
         np.testing.assert_array_equal(one.load, other.load)
     values = {n: 1.02 * v for n, v in here().values.items()}
-    for one, other in zip(first.at(values).of_mesh, same.at(values).of_mesh, strict=True):
-        np.testing.assert_array_equal(one, other)
+    for wanted, found in zip(first.at(values).of_mesh, same.at(values).of_mesh, strict=True):
+        np.testing.assert_array_equal(found, wanted)
     assert told[-2] == "the same on another mesh" and lines == 2 * told
 
 

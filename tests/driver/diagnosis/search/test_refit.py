@@ -157,7 +157,7 @@ def test_causes_that_bend_are_refitted_first_and_answered_in_the_order_asked_for
     monkeypatch.setattr(refit, "refit_of", lambda cause, objective, result, baseline: result)
     monkeypatch.setattr(refit, "refit_line", lambda result: result.name)
     starts = [replace(start, cause=cause) for cause in causes]
-    answered = refit_from(starts, Executor(1, 1))
+    answered: Any = refit_from(starts, Executor(1, 1))
     assert begun == ["bent", "flat"] and answered == causes
 
 
