@@ -62,15 +62,16 @@ def test_two_meshes_give_the_difference_of_the_first_and_half_of_what_the_other_
 def test_both_meshes_are_simulated_side_by_side_with_the_same_numbers_and_words(
     lines: list[str],
 ) -> None:
-    meshes = FineModels(ONE, lambda: ANOTHER)
-    first, half = meshes.corrections(OBJECTIVE, here(), True, Executor(1, 1))
+    meshes, at = FineModels(ONE, lambda: ANOTHER), here()
+    lines.clear()
+    first, half = meshes.corrections(OBJECTIVE, at, True, Executor(1, 1))
     told = lines.copy()
-    same, as_much = meshes.corrections(OBJECTIVE, here(), True, Executor(2, 1))
+    same, as_much = meshes.corrections(OBJECTIVE, at, True, Executor(2, 1))
     assert half is not None and as_much is not None
     for one, other in ((first, same), (half, as_much)):
         np.testing.assert_array_equal(one.motion, other.motion)
         np.testing.assert_array_equal(one.load, other.load)
-    values = {n: 1.02 * v for n, v in here().values.items()}
+    values = {n: 1.02 * v for n, v in at.values.items()}
     for wanted, found in zip(first.at(values).of_mesh, same.at(values).of_mesh, strict=True):
         np.testing.assert_array_equal(found, wanted)
     assert told[-2] == "the same on another mesh" and lines == 2 * told
