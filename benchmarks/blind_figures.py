@@ -8,7 +8,7 @@ from statistics import mean
 import numpy as np
 from scipy.stats import binomtest
 
-from benchmarks.blind_plan import ELASTIC, ELASTIC_LEVEL, KINDS
+from benchmarks.blind_plan import DESCRIBED, ELASTIC, ELASTIC_LEVEL, KINDS
 from benchmarks.blind_store import Record
 from driver.diagnosis.statistics.score_test import SEEN_AT
 
@@ -70,8 +70,11 @@ def print_figures(lines: Sequence[Record]) -> None:
     strong = [line for line in kinds["outside"] if line["misfit"] >= 8]
     seen = [line["verdict"] != "nothing wrong" for line in strong]
     show_share("outside the library, misfit >= 8 sigma: seen [%]", seen, ">= 97")
-    unexplained = [line["verdict"] == "unexplained" for line in strong]
+    unexplained = [line["verdict"] == "unexplained" for line in strong if not _described_by(line)]
     show_share("outside the library, misfit >= 8 sigma: unexplained [%]", unexplained, ">= 85")
+    for effect, cause in DESCRIBED.items():
+        held = [cause in line["said"] for line in strong if _described_by(line) == cause]
+        show_share(f"{effect}, misfit >= 8 sigma: {cause} in the answer [%]", held, "none")
     for kind in ("noise", "flip"):
         for truth in sorted({line["trial"]["truths"][0] for line in _of(ran, kind)}):
             of = [line for line in _of(ran, kind) if line["trial"]["truths"] == [truth]]
@@ -154,7 +157,8 @@ def miss_of(line: Record) -> str:
     if line["verdict"] == "numerics":
         return f"numerics, {line['numerics']['effect_sigma']:.1f} σ on {line['numerics']['on']}"
     if kind == "outside":
-        return "" if line["verdict"] == "unexplained" else f"outside, yet {line['verdict']}"
+        good_answer = line["verdict"] == "unexplained" or _described_by(line) in line["said"]
+        return "" if good_answer else f"outside, yet {line['verdict']}"
     if line["verdict"] == "nothing wrong":
         statistic = [round(s, 1) for s in line["statistic"].values() if s is not None]
         return f"not seen; statistic of the truth {statistic}"
@@ -169,6 +173,11 @@ def miss_of(line: Record) -> str:
     if line["verdict"] == "unexplained":
         return f"unexplained after {', '.join(line['added']) or 'no addition'}"
     return f"the refit preferred another: {line['refits'][0]}"
+
+
+def _described_by(line: Record) -> str | None:
+    """Return the cause that describes an effect once outside the library."""
+    return DESCRIBED.get(line["trial"]["truths"][0])
 
 
 def _misses(lines: Sequence[Record]) -> None:

@@ -20,6 +20,7 @@ from driver.forward.build import adapter_of, build_model, mesh_of
 from driver.virtual.truth import Course
 from meshes.arrays import FloatArray
 from solver_adapters.interface import Simulation
+from tools.beyond_parameters import blistered, with_soft_slice
 from tools.converged_truth import OF_EFFECTS, pulled, stage_history, true_case
 from tools.short_specimen import CYCLES, small_case
 
@@ -101,7 +102,9 @@ def outside(effect: str, amplitude: float, sizes: Sequence[float] = OF_EFFECTS) 
         amplitude: its size.
         sizes: as of `pulled`.
     """
-    shown = {"lens": _through_a_lens, "blister": _blistered, "slip_band": _slipped}
+    shown = {"lens": _through_a_lens, "slip_band": _slipped}
+    if effect == "blister":
+        return blistered(pulled({}), 0.010 * amplitude)
     if effect in shown:
         return shown[effect](pulled({}), amplitude)
     changes: dict[str, Callable[[Simulation, History, float], Simulation]] = {
@@ -115,21 +118,8 @@ def outside(effect: str, amplitude: float, sizes: Sequence[float] = OF_EFFECTS) 
 
 
 def _with_soft_slice(simulation: Simulation, history: History, amplitude: float) -> Simulation:
-    """Let a slice of grain 2, 1.6 µm long, yield early: τ0 is e^(−0.3·amplitude) of it.
-
-    It ends where cells end.
-    """
-    mesh = simulation.mesh
-    middle = mesh.points[mesh.cells, 1].mean(axis=1)
-    inside = (mesh.grain == 1) & (middle > 0.60 * LENGTH) & (middle < 0.80 * LENGTH)
-    law = replace(simulation.material, tau0_grains=(float(np.exp(-0.3 * amplitude)),))
-    turned = simulation.orientations
-    return replace(
-        simulation,
-        mesh=replace(mesh, grain=np.where(inside, 2, mesh.grain)),
-        orientations=np.concatenate([turned, turned[1:]]),
-        material=law,
-    )
+    """Let a slice of grain 2, 1.6 µm long, yield early: τ0 is e^(−0.3·amplitude) of it."""
+    return with_soft_slice(simulation, float(np.exp(-0.3 * amplitude)))
 
 
 def _notched(simulation: Simulation, history: History, amplitude: float) -> Simulation:
@@ -165,15 +155,6 @@ def _through_a_lens(course: Course, amplitude: float) -> Course:
     motion = course.motion.copy()
     field = at * (at**2).sum(axis=1, keepdims=True)
     motion[..., :2] += amplitude * 2e-4 * grown[:, None, None] * field
-    return replace(course, motion=motion)
-
-
-def _blistered(course: Course, amplitude: float) -> Course:
-    """Dirt grows on a spot of the face, 1 µm wide: amplitude·10 nm at the end of the test."""
-    off = course.face.points - course.face.points.mean(axis=0) - np.array([0.5, 1.5])
-    bump = np.exp(-0.5 * (off**2).sum(axis=1))
-    motion = course.motion.copy()
-    motion[..., 2] += amplitude * 0.010 * np.linspace(0.0, 1.0, len(motion))[:, None] * bump
     return replace(course, motion=motion)
 
 

@@ -36,7 +36,10 @@ def test_shares_are_those_of_the_lines_with_their_bounds(printed: str) -> None:
     share, number = shares["null: something named"]
     assert number == len(nulls) > 10
     assert share == pytest.approx(100 * len(named) / len(nulls), abs=0.05)
-    large = [line for line in LINES if line["trial"]["kind"] == "outside" and line["misfit"] >= 8.0]
+    outside = [line for line in LINES if line["trial"]["kind"] == "outside"]
+    # A soft slice has a cause by now.
+    outside = [line for line in outside if line["trial"]["truths"] != ["soft_slice"]]
+    large = [line for line in outside if line["misfit"] >= 8.0]
     unexplained = [line for line in large if line["verdict"] == "unexplained"]
     share, number = shares["outside the library, misfit >= 8 sigma: unexplained"]
     assert number == len(large) > 3

@@ -149,3 +149,5 @@ def test_every_miss_has_a_reason_and_a_hit_has_none() -> None:
     assert "statistic of the truth [40.0]" in miss_of(line("cause", truth, [], "nothing wrong"))
     assert "not among the refits" in miss_of(line("cause", truth, [["tilt_drift"]], "named"))
     assert miss_of(line("outside", ["notch"], [["tilt_drift"]], "named")) == "outside, yet named"
+    assert miss_of(line("outside", ["soft_slice"], [["tilt_drift"]], "named")) != ""
+    assert miss_of(line("outside", ["soft_slice"], [["heterogeneity_grain2"]], "named")) == ""

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar
 from functools import partial
 from itertools import count, islice
 from multiprocessing import connection
@@ -100,7 +101,7 @@ def side_by_side(
         for index, task in enumerate(tasks):
             take(index, partial(work, task))
     else:
-        with _own_processes(at_a_time, threads) as own:
+        with _processes(at_a_time, processes, threads) as own:
             _map(own, work, tasks, at_a_time, take)
     if prepared:
         raise PreparedError.together(prepared)
@@ -153,6 +154,64 @@ def _take_packed(
 
 
 @contextmanager
+def processes_kept() -> Iterator[None]:
+    """Let processes that have done their tasks wait inside for those of the next call.
+
+    Each takes some seconds to start, for its libraries and kernels. Where a task fails they end,
+    and the next call starts others.
+    """
+    with ExitStack() as ended:
+        kept = _Kept(ended)
+        token = _kept.set(kept)
+        ended.callback(_kept.reset, token)
+        yield
+
+
+class _Kept:
+    """Processes that wait for tasks.
+
+    Args:
+        ended: what ends them at last.
+    """
+
+    def __init__(self, ended: ExitStack) -> None:
+        self._asked: tuple[int, int] | None = None
+        self._started = ended.enter_context(ExitStack())
+        self._executor: Executor
+
+    def started(self, processes: int, threads: int) -> Executor:
+        """Return so many processes of so many threads."""
+        if self._asked != (processes, threads):
+            self._started.close()
+            self._executor = self._started.enter_context(_own_processes(processes, threads))
+            self._asked = processes, threads
+        return self._executor
+
+    def fail(self) -> None:
+        """End them at once, for what is raised."""
+        self._asked = None
+        self._started.__exit__(*sys.exc_info())
+
+
+_kept: ContextVar[_Kept | None] = ContextVar("_kept", default=None)
+
+
+@contextmanager
+def _processes(at_a_time: int, processes: int, threads: int) -> Iterator[Executor]:
+    """Take those that wait, or start some that end with the block."""
+    kept = _kept.get()
+    if kept is None:
+        with _own_processes(at_a_time, threads) as own:
+            yield own
+        return
+    try:
+        yield kept.started(processes, threads)
+    except BaseException:
+        kept.fail()
+        raise
+
+
+@contextmanager
 def _own_processes(processes: int, threads: int) -> Iterator[Executor]:
     """Start processes, which end with this one, and at once where the block raises.
 
@@ -161,11 +220,6 @@ def _own_processes(processes: int, threads: int) -> Iterator[Executor]:
     """
     with (
         TemporaryDirectory(prefix="prismid-") as name,
-        _environment(
-            dict.fromkeys(THREAD_VARIABLES, "1")
-            | {"OMP_NUM_THREADS": str(threads)}
-            | {_SAFE_PATH: "1"}  # processes that start inside import nothing from this folder
-        ),
         ProcessPoolExecutor(
             max_workers=processes,
             mp_context=multiprocessing.get_context("spawn"),
@@ -175,7 +229,7 @@ def _own_processes(processes: int, threads: int) -> Iterator[Executor]:
     ):
         others = multiprocessing.active_children()
         try:
-            yield _ThroughFiles(pool, Path(name))
+            yield _ThroughFiles(pool, Path(name), threads)
         except BaseException as error:
             for process in multiprocessing.active_children():
                 if process not in others:
@@ -194,10 +248,16 @@ class _ThroughFiles(Executor):
     Args:
         pool: of processes.
         folder: for the files.
+        threads: of each process.
     """
 
-    def __init__(self, pool: ProcessPoolExecutor, folder: Path) -> None:
+    def __init__(self, pool: ProcessPoolExecutor, folder: Path, threads: int) -> None:
         self._pool, self._folder, self._numbers = pool, folder, count()
+        self._environment = (
+            dict.fromkeys(THREAD_VARIABLES, "1")
+            | {"OMP_NUM_THREADS": str(threads)}
+            | {_SAFE_PATH: "1"}  # a process imports nothing from this folder
+        )
 
     def submit(self, work: Any, task: Any, /) -> Future[Any]:  # type: ignore[override]
         """Hand a task over."""
@@ -214,7 +274,7 @@ class _ThroughFiles(Executor):
                 result.set_exception(error)
 
         # Any of them may start a process.
-        with _deaf_to_interrupts():
+        with _deaf_to_interrupts(), _environment(self._environment):
             self._pool.submit(_carry_out, work, self._folder, index).add_done_callback(take)
         return result
 

@@ -88,7 +88,7 @@ def record(
     write_history(folder, course.history, (course.load + noise) / case.force_scale)
     write_case(_stated(case, settings, lens), folder / CASE_FILE)
     (folder / SCHEMA_FILE).write_text(schema_text(), encoding="utf-8")
-    write_truth(folder, _truth(course, settings, seed, lens, subject, at_images))
+    write_truth(folder, _truth(case, course, settings, seed, lens, subject, at_images))
     return folder / CASE_FILE
 
 
@@ -213,6 +213,7 @@ def correlated(rng: np.random.Generator, number: int, correlation: float) -> Flo
 
 
 def _truth(
+    case: Case,
     course: Course,
     settings: Virtual,
     seed: int,
@@ -220,8 +221,8 @@ def _truth(
     subject: Subject,
     stage: FloatArray,
 ) -> Truth:
-    n_grains = len(course.orientations)
-    declared = declared_parameters(course.history.n_knots, n_grains=n_grains)
+    # A part of a grain that differs from the rest is one more of the simulation, none of the case.
+    declared = declared_parameters(course.history.n_knots, n_grains=len(case.grains))
     x, y = lens.camera.x, lens.camera.y
     seen = [NodalMotion(subject.face, nodal)(x.ravel(), y.ravel())[0] for nodal in course.motion]
     return Truth(

@@ -110,12 +110,16 @@ def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> C
     at_once = case.solver.steps_per_interval
     kind, systems = case.specimen.cell_kind, systems_of(case)
     memory = simulation_memory(kind, n_cells, n_images, directions + causes, at_once, systems)
+    each = simulation_memory(kind, n_cells, n_images, directions, at_once, systems)
     if told:
         steps = finer_steps(case, solver)
-        once = simulation_memory(kind, finer, n_images, max(told), steps, systems)
-        memory = max(memory, once)
+        fitted, all_causes = (
+            simulation_memory(kind, finer, n_images, n, steps, systems)
+            for n in (directions, max(told))
+        )
+        # Finer simulations run side by side as well, but for those of all causes.
+        memory, each = max(memory, all_causes), max(each, fitted)
     if case.execution.processes > 1 and case.execution.scheduler is None:
-        each = simulation_memory(kind, n_cells, n_images, directions, at_once, systems)
         memory += case.execution.processes * each
     if case.with_images:
         memory += identified_images(case, n_images)

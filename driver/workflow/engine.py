@@ -20,7 +20,7 @@ from driver.case.values import Table
 from driver.common.atomic_write import place_below
 from driver.common.errors import InputError, sentence
 from driver.common.machine import computed_by
-from driver.common.parallel import blas_on_one_thread
+from driver.common.parallel import blas_on_one_thread, processes_kept
 from driver.common.remaining import at_work, left_of_run
 from driver.experiment.images.files import split_dataset
 from driver.experiment.orientations import map_files
@@ -330,7 +330,7 @@ def _run_stage(
         what = "a simulation" if there == 1 else f"{there} simulations"
         logger.info(f"  {what} of an interrupted run are kept: those that come again are taken up")
     start = time.perf_counter()
-    with at_work(stage.name), blas_on_one_thread():
+    with at_work(stage.name), blas_on_one_thread(), processes_kept():
         stage.run(StageContext(case, results, workdir, prepare_only, kept, memory))
     seconds = time.perf_counter() - start
     if stage.reads_on:

@@ -86,10 +86,15 @@ def decide(
     # A noise is no effect that others could be the shadow of.
     effects = [cause for cause in best if cause != BOUNDARY_NOISE]
     if len(effects) >= MOST_ADDITIONS:
+        together = (
+            f"even their sum leaves what is not noise ({_list(left)}), and"
+            if left
+            else "their sum describes the data, but"
+        )
         return Verdict(
             "unexplained", sets,
-            f"Three or more causes were needed ({_titles(effects)}): their sum describes the "
-            "data, but so many at once are more likely the shadow of one that was not tried.",
+            f"Three or more causes were needed ({_titles(effects)}): {together} so many at once "
+            "are more likely the shadow of one that was not tried.",
             "Look at the maps of what is left, and think of a cause of your own.",
         )  # fmt: skip
     if left and explained < LEAST_EXPLAINED:
@@ -108,6 +113,19 @@ def decide(
         )  # fmt: skip
     several = any(len(group) > 1 for group in sets)
     return Verdict("one of this set" if several else "named", sets, f"{answer}.", do_next)
+
+
+def with_own_error_counted(verdict: Verdict) -> Verdict:
+    """Return a verdict on what no finer simulation takes away, although this one is not exact.
+
+    Args:
+        verdict: the answer, *unexplained*.
+    """
+    text = (
+        f"{verdict.text} The simulation's own error is another one there, yet with it taken anew "
+        "something is left as well: a finer mesh is no remedy."
+    )
+    return replace(verdict, text=text)
 
 
 def with_places(verdict: Verdict, missed: str) -> Verdict:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
+from driver.common.outcomes import Failure, attempt
 from driver.diagnosis.answer.result_types import Diagnosis, Round, Settings
 from driver.diagnosis.answer.verdict import (
     BEGIN_AT_END,
@@ -13,19 +15,24 @@ from driver.diagnosis.answer.verdict import (
     MORE_ITERATIONS,
     decide,
     with_doubts,
+    with_own_error_counted,
 )
 from driver.diagnosis.causes.all_causes import every
 from driver.diagnosis.causes.candidates import NotExamined, not_examined
 from driver.diagnosis.causes.ebsd_flips import flips_of
 from driver.diagnosis.causes.noise_causes import COVARIANCE, NOISE_NOT_UNIFORM
 from driver.diagnosis.search.baseline import loads_taken_back, prepared
-from driver.diagnosis.search.boundary_noise import sensitivities_where_they_pay
+from driver.diagnosis.search.boundary_noise import (
+    BoundaryNoiseSensitivities,
+    sensitivities_where_they_pay,
+)
 from driver.diagnosis.search.discretisation_check import discretisation_check
 from driver.diagnosis.search.extension import Extension
 from driver.diagnosis.search.final_comparison import final_comparison
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.forward_selection import forward_selection
 from driver.diagnosis.search.image_noise import with_uneven_noise
+from driver.diagnosis.search.selection_round import at_first_sight
 from driver.diagnosis.statistics.model_comparison import (
     log_evidence,
     share_described,
@@ -33,7 +40,8 @@ from driver.diagnosis.statistics.model_comparison import (
 )
 from driver.diagnosis.statistics.score_test import Score
 from driver.diagnosis.statistics.screening import honoured, parameters_of_the_specimen, screened
-from driver.identification.fit import Fit
+from driver.identification.correction import Correction
+from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.objective import Evaluation, Objective
 from driver.parameters.covariance import NOISE_RATIO
 from meshes.arrays import IntArray
@@ -103,14 +111,21 @@ def diagnose(
     sets = {round_.named[0]: round_.named for round_ in rounds if of_causes & set(round_.named[:1])}
     known = every(current.model.n_grains)
     by_name = {cause.name: cause for cause in (*known, *settings.own)}
-    verdict = decide(
-        [[by_name[name] for name in names] for names in sets.values()],
-        rounds[-1].goodness_of_fit.seen,
-        settings.imaging_limited,
-        passed.words,
-        share_described(final.uncounted, fitted.best, rounds[-1].goodness_of_fit.left),
-        any(s.degrees for round_ in rounds for s in round_.scores),
-    )
+    added_sets = [[by_name[name] for name in names] for names in sets.values()]
+    answer = partial(
+        decide, added_sets, rounds[-1].goodness_of_fit.seen, settings.imaging_limited,
+        explained=share_described(
+            final.uncounted, fitted.best, rounds[-1].goodness_of_fit.left
+        ),
+        tried=any(s.degrees for round_ in rounds for s in round_.scores),
+    )  # fmt: skip
+    verdict = answer(numerics=None)
+    if passed.words is not None:
+        by_itself = causes and verdict.kind == "unexplained"
+        if by_itself and _leaves_something(current, fitted, final.fresh, settings, stops):
+            verdict = with_own_error_counted(verdict)
+        else:
+            verdict = answer(numerics=passed.words)
     fits = {"identified": first.fit} | ({"extended": fitted} if causes else {})
     verdict = with_doubts(
         verdict,
@@ -142,6 +157,28 @@ def diagnose(
         verdict=verdict,
         levels=levels,
     )
+
+
+def _leaves_something(
+    objective: Objective,
+    here: Fit,
+    fresh: Correction,
+    settings: Settings,
+    stops: BoundaryNoiseSensitivities,
+) -> bool:
+    """Whether a fit leaves what is no noise with the correction taken there as well.
+
+    A model that is far from the truth ends where its correction is another one, and that is no
+    reason to ask for a finer mesh of it.
+    """
+    logger.info("what is left with the correction taken once more")
+    anew = replace(objective, correction=fresh)
+
+    def seen() -> Round:
+        return at_first_sight(fit_from(here.best, anew, POLISH), anew, settings, stops)
+
+    last = attempt(seen)
+    return not isinstance(last, Failure) and not last.goodness_of_fit.accepted
 
 
 def to_converge(identified: Fit, baseline: Fit) -> str:

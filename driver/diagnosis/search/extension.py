@@ -16,6 +16,7 @@ from driver.diagnosis.search.baseline import noise_of_images, with_load_noise
 from driver.diagnosis.search.boundary_noise import Level, level_again
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.load_outliers import bad_loads
+from driver.diagnosis.search.refit import Executor
 from driver.diagnosis.statistics.screening import whitened_difference
 from driver.identification.correction import Correction
 from driver.identification.fit import POLISH, Fit, fit_from
@@ -102,8 +103,8 @@ def _moved(begin: Fit, end: Fit, objective: Objective) -> float:
 def _corrected(objective: Objective, here: Fit, finer: FineModels, settings: Settings) -> Objective:
     """Return the objective with the correction at a fit, by both meshes where it had both."""
     logger.info("finer mesh and steps at the extended model")
-    both = objective.spread is not None
-    change, spread = finer.corrections(objective, here, both)
+    both, executor = objective.spread is not None, Executor(settings.processes, settings.threads)
+    change, spread = finer.corrections(objective, here, both, executor)
     noise = noise_of_images(here, objective.data, settings)
     mean = change.mean_with(spread).completed_by(objective.correction)
     objective = with_correction(objective, noise, change, settings.sizes)

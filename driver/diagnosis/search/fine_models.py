@@ -11,8 +11,10 @@ import numpy as np
 
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
+from driver.common.progress import collected_lines
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.search.flip_trial import turned
+from driver.diagnosis.search.refit import Executor
 from driver.forward.model import ForwardModel
 from driver.identification.correction import Correction, correction
 from driver.identification.fit import Fit
@@ -39,7 +41,7 @@ class FineModels:
         return FineModels(turned(self.one, causes), another)
 
     def corrections(
-        self, objective: Objective, here: Fit, both: bool
+        self, objective: Objective, here: Fit, both: bool, executor: Executor
     ) -> tuple[Correction, Correction | None]:
         """Finer minus working prediction at a fit, and half of what the other mesh adds.
 
@@ -50,18 +52,25 @@ class FineModels:
             objective: of the fit, with the correction that it was made with.
             here: the fit.
             both: whether the other mesh is asked for.
+            executor: who simulates.
 
         Raises:
             SolverError: the finer simulation could not be finished, or was not run on the other
                 mesh.
         """
-        asked = [self._on_one, self._on_another] if both and self.another is not None else []
-        # One after the other; jobs for another machine are prepared all at once.
-        first, *others = side_by_side(
-            lambda take: take(objective, here), asked or [self._on_one], 1
-        )
-        assert first is not None
-        return first, _half(first, others[0] if others else None)
+        other = attempt(self.another) if both and self.another is not None else None
+        tasks = [_Task(objective, here, self.one, True)]
+        if isinstance(other, ForwardModel):
+            tasks.append(_Task(objective, here, other, False))
+        # Jobs for another machine are prepared all at once.
+        first, *others = side_by_side(_taken, tasks, executor.processes, executor.threads)
+        change = first.told()
+        assert change is not None
+        if other is None:
+            return change, None
+        logger.info(_AGAIN)
+        second = _Taken(other, []) if isinstance(other, Failure) else others[0]
+        return change, _half(change, second.told())
 
     def spread(self, objective: Objective, here: Fit) -> Correction | None:
         """Half of what the other mesh adds at a fit to the correction that an objective has.
@@ -76,26 +85,63 @@ class FineModels:
         Raises:
             SolverError: the finer simulation was not run on the other mesh.
         """
-        return _half(objective.correction.at(here.values), self._on_another(objective, here))
+        if self.another is None:
+            return None
+        logger.info(_AGAIN)
+        other = attempt(self.another)
+        second = (
+            _Taken(other, [])
+            if isinstance(other, Failure)
+            else _taken(_Task(objective, here, other, False))
+        )
+        return _half(objective.correction.at(here.values), second.told())
 
-    def _on_one(self, objective: Objective, here: Fit) -> Correction:
+
+_AGAIN = "the same on another mesh"
+
+
+class _Task:
+    """A correction to be taken.
+
+    Args:
+        objective: of the fit, with the correction that it was made with.
+        here: the fit.
+        finer: the finer model.
+        first: whether it is on the finer mesh of the case, which has to be simulated, with the
+            error of the steps and derivatives.
+    """
+
+    def __init__(self, objective: Objective, here: Fit, finer: ForwardModel, first: bool) -> None:
         best = here.best
-        return correction(
-            objective.model, self.one, best.prediction, best.values, with_steps=True,
-            free=best.free, near=objective.correction,
+        self.first = first
+        # The images stay where they are.
+        self.take = partial(
+            correction, objective.model, finer, best.prediction, here.values, with_steps=first,
+            free=best.free if first else (),
+            near=Correction(course=objective.correction.course) if first else None,
         )  # fmt: skip
 
-    def _on_another(self, objective: Objective, here: Fit) -> Correction | None:
-        another = self.another
-        assert another is not None
-        logger.info("the same on another mesh")
-        change = attempt(
-            lambda: correction(objective.model, another(), here.best.prediction, here.values)
-        )
-        if isinstance(change, Failure):
-            logger.info(f"  one mesh has to do: {change.why}")
+
+@dataclass(frozen=True, eq=False)
+class _Taken:
+    """What a process answers: a correction or why there is none, and what it told."""
+
+    change: Correction | Failure
+    lines: list[str]
+
+    def told(self) -> Correction | None:
+        """Return the correction, and pass on what was told; None where there is none."""
+        for line in self.lines:
+            logger.info(line)
+        if isinstance(self.change, Failure):
+            logger.info(f"  one mesh has to do: {self.change.why}")
             return None
-        return change
+        return self.change
+
+
+def _taken(task: _Task) -> _Taken:
+    with collected_lines() as lines:
+        return _Taken(task.take() if task.first else attempt(task.take), lines)
 
 
 def _half(first: Correction, second: Correction | None) -> Correction | None:

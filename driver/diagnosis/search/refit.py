@@ -216,8 +216,11 @@ def refit_from(tasks: Sequence[Start], executor: Executor) -> list[Refit]:
         JobError, ResultFileError: one was killed, ran out of time or left no result.
     """
     refits: dict[int, Refit] = {}
+    # Those that bend take the most iterations: were one the last, it would run alone.
+    order = sorted(range(len(tasks)), key=lambda k: not tasks[k].cause.strongly_nonlinear)
 
-    def done(index: int, result: Fit | str) -> None:
+    def done(place: int, result: Fit | str) -> None:
+        index = order[place]
         task = tasks[index]
         if isinstance(result, str):
             logger.info(f"  {task.cause.name}: a start is given up, {result}")
@@ -226,7 +229,8 @@ def refit_from(tasks: Sequence[Start], executor: Executor) -> list[Refit]:
         refits[index] = refit_of(task.cause, task.objective, result, task.baseline)
         logger.info(refit_line(refits[index]))
 
-    side_by_side(_fitted, tasks, executor.processes, executor.threads, done)
+    in_order = [tasks[index] for index in order]
+    side_by_side(_fitted, in_order, executor.processes, executor.threads, done)
     return [refits[index] for index in sorted(refits)]
 
 

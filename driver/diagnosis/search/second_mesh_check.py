@@ -17,6 +17,7 @@ import numpy as np
 from driver.diagnosis.answer.result_types import GATE, DiscretisationCheck
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.search.fine_models import FineModels
+from driver.diagnosis.search.refit import Executor
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score, significance
 from driver.diagnosis.statistics.screening import whitened_difference
 from driver.identification.correction import Correction
@@ -47,6 +48,7 @@ def held_against_both(
     objective: Objective,
     scores: Sequence[Score],
     widened: float,
+    executor: Executor,
 ) -> OnBoth | None:
     """Hold what is significant against another mesh.
 
@@ -59,6 +61,7 @@ def held_against_both(
         objective: its objective, with the correction by the finer model.
         scores: of all causes at the fit.
         widened: by how much the simulation's own error widens them.
+        executor: who simulates.
 
     Returns:
         None where nothing is significant, the objective has both meshes already, or there is no
@@ -70,7 +73,7 @@ def held_against_both(
     seen = [s for s in scores if s.p < NAMING_LEVEL and s.directions.size and s.cause != NUMERICS]
     if not seen or objective.spread is not None or finer.another is None:
         return None
-    first, spread = _corrections(finer, here, objective)
+    first, spread = _corrections(finer, here, objective, executor)
     if spread is None:
         return None
     taken = objective.correction.at(here.values)
@@ -95,13 +98,13 @@ def held_against_both(
 
 
 def _corrections(
-    finer: FineModels, here: Fit, objective: Objective
+    finer: FineModels, here: Fit, objective: Objective, executor: Executor
 ) -> tuple[Correction, Correction | None]:
     """Return the correction by the finer mesh, and half of what the other one adds at the fit."""
     known = objective.correction
     if known.derivatives is None:
         logger.info("finer mesh and steps at this fit")
-        return finer.corrections(objective, here, True)
+        return finer.corrections(objective, here, True, executor)
     # Its derivatives take it to the fit: no more than a polish has moved that since.
     return known, finer.spread(objective, here)
 

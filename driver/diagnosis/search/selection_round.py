@@ -109,13 +109,15 @@ def examine(
     room = len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS
     if room and not counted_first:
         executor = Executor(settings.processes, settings.threads)
-        both = held_against_both(finer, here, objective, seen.scores, seen.widened)
+        both = held_against_both(finer, here, objective, seen.scores, seen.widened, executor)
         # Where both meshes agree on a finding, looks follow at the fit with both alone.
         if both is None or both.lost is not None:
             near = _significant(seen.scores)
             seen = _looked(seen, here, objective, executor)
             if _significant(seen.scores) - near:
-                both = held_against_both(finer, here, objective, seen.scores, seen.widened)
+                both = held_against_both(
+                    finer, here, objective, seen.scores, seen.widened, executor
+                )
         if both is not None:
             lost = both.lost
             if lost is None:

@@ -18,7 +18,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from driver.common.machine import cores
-from driver.common.parallel import blas_on_one_thread, side_by_side
+from driver.common.parallel import blas_on_one_thread, processes_kept, side_by_side
 from solver_adapters.interface import PreparedError
 from solver_adapters.kernels import PACKAGES
 from solver_adapters.tasks import elsewhere
@@ -123,6 +123,39 @@ def test_what_runs_side_by_side_takes_no_further_processes() -> None:
     """They would be more than the cores that were stated."""
     for own, below in side_by_side(pids_below, [3, 3], 2):
         assert own != os.getpid() and below == [own] * 3
+
+
+def pids_of_two() -> set[int]:
+    """Of processes that each do one of two tasks: the first waits for the second."""
+    return set(side_by_side(pid_after_a_while, [0.3, 0.3], 2))
+
+
+def pid_after_a_while(seconds: float) -> int:
+    time.sleep(seconds)
+    return os.getpid()
+
+
+def test_processes_that_are_kept_do_the_tasks_of_the_next_call_and_end_with_the_block() -> None:
+    """Each takes seconds to start, and a diagnosis asks for them ten times."""
+    with processes_kept():
+        first = pids_of_two()
+        assert pids_of_two() <= first
+        assert side_by_side(os.getenv, ["OMP_NUM_THREADS"] * 2, 2, threads=2) == ["2", "2"]
+        assert not pids_alive(list(first))  # others have another number of threads
+        with pytest.raises(ValueError):
+            side_by_side(math.sqrt, [-1.0, 4.0], 2)
+        # What failed has ended its processes.
+        last = pids_of_two()
+        assert not last & first and len(pids_alive(list(last))) == len(last)
+    assert not pids_alive(list(last))
+    assert not pids_of_two() & last
+
+
+def test_a_kept_process_that_the_system_ends_is_told_and_others_do_the_next_tasks() -> None:
+    with processes_kept():
+        with pytest.raises(ChildProcessError, match="^execution.processes: one of 2 processes"):
+            side_by_side(os._exit, [9, 9, 9], 2)
+        assert side_by_side(math.sqrt, [4.0, 9.0], 2) == [2.0, 3.0]
 
 
 def threads_of_blas(task: int) -> list[int]:

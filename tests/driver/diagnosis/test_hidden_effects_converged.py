@@ -1,8 +1,9 @@
 """An effect is hidden in a converged truth; the real stages, from files to verdict, find it.
 
 The truth is of two kinds of cells, each extrapolated to cells of no size; what the effect changes
-is extrapolated as well, from hexahedra of 0.667 and 0.5 µm. On hexahedra of 2 and 1 µm an effect is
-found, but where nothing is hidden the mesh keeps the verdict open; 0.667 µm leave nothing wrong.
+is extrapolated as well, from hexahedra of 0.667 and 0.5 µm, but that of a soft slice, which ends
+where cells of 0.5 µm do. On hexahedra of 2 and 1 µm an effect is found, but where nothing is hidden
+the mesh keeps the verdict open; 0.667 µm leave nothing wrong.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ from functools import cache
 import pytest
 
 from driver.case.model import Case
+from driver.experiment.history import History
 from driver.virtual.truth import Course
+from solver_adapters.interface import Simulation
 from tests.driver.diagnosis.hidden_effects import (
     Diagnose,
     assert_gone,
@@ -20,6 +23,7 @@ from tests.driver.diagnosis.hidden_effects import (
     assert_sound,
     diagnoses,
 )
+from tools.beyond_parameters import SLICE, blistered, with_soft_slice
 from tools.converged_truth import known_case, pulled, true_case
 
 pytestmark = pytest.mark.slow
@@ -28,6 +32,8 @@ EFFECTS = {  # cause: parameter and truth
     "grain_contrast": ("tau0_grain2", 1.25),
     "boundary_position": ("boundary_shift", 0.6),
 }
+SOFT = 0.7  # τ0 of the slice over that of the rest of grain 2
+BLISTER = 0.04  # height at the end of the test [µm]
 SEED = 1
 
 
@@ -40,6 +46,10 @@ def moved_boundary(truth: Case) -> Case:
     return truth.with_values_at({"specimen.boundary_point_um": moved})
 
 
+def softened(simulation: Simulation, history: History) -> Simulation:
+    return with_soft_slice(simulation, SOFT)
+
+
 @cache
 def course(effect: str) -> Course:
     if effect == "grain_contrast":
@@ -47,7 +57,10 @@ def course(effect: str) -> Course:
         return pulled({name: value})
     if effect == "boundary_position":
         return pulled({}, truth=moved_boundary(true_case()))
-    return pulled({})
+    if effect == "soft_slice":
+        return pulled({}, change=softened, sizes=(0.5,))
+    bare = pulled({})
+    return blistered(bare, BLISTER) if effect == "blister" else bare
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +82,38 @@ def test_an_effect_in_a_converged_truth_is_answered_and_its_size_recovered(
 ) -> None:
     """Under a constant correction a contrast was found too large by four standard deviations."""
     assert_named_and_recovered(found(effect, SEED), effect, *EFFECTS[effect])
+
+
+def test_a_soft_slice_is_answered_with_the_heterogeneity_of_its_grain_which_is_softest_there(
+    found: Diagnose,
+) -> None:
+    """Without a cause for it a contrast of the grains was named, with a wrong size."""
+    answer = found("soft_slice", SEED)
+    assert answer["verdict"] in ("named", "one of this set")
+    assert "heterogeneity_grain2" in answer["causes"]
+    assert "grain_contrast" not in answer["causes"]
+    assert not answer["steps"][0]["omnibus"]["accepted"]
+    assert answer["steps"][-1]["omnibus"]["accepted"]
+    scored = {cause["cause"]: cause for cause in answer["steps"][0]["causes"]}
+    refit = scored["heterogeneity_grain2"]["refit"]
+    assert refit["log_evidence"] > 10
+    slope, bend = (refit["values"][f"tau0_grain2_{mode}_Y"] for mode in ("slope", "bend"))
+    # The least of slope·η + bend·(3η² − 1)/2, η from −1 at the boundary to 1 at the end.
+    assert bend > 5 * refit["sigma"]["tau0_grain2_bend_Y"]
+    softest = -slope / (3 * bend)
+    specimen = known_case().specimen
+    assert specimen.boundary_point_um is not None
+    end, boundary = specimen.length, specimen.boundary_point_um[1]
+    place = 0.5 * (boundary + end) + 0.5 * (end - boundary) * softest
+    assert SLICE[0] * end < place < SLICE[1] * end
+
+
+def test_what_no_cause_describes_is_unexplained_in_a_converged_truth(found: Diagnose) -> None:
+    """Dirt that grows on the face bends the model, whose own error was blamed for what is left."""
+    answer = found("blister", SEED)
+    assert answer["verdict"] == "unexplained"
+    assert not answer["steps"][-1]["omnibus"]["accepted"]
+    assert answer["steps"][-1]["omnibus"]["image_slow_p"] < 1e-20
 
 
 @pytest.mark.parametrize("effect", EFFECTS)

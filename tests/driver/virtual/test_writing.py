@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,6 +69,17 @@ def test_a_virtual_test_has_no_wrong_loads(tmp_path: Path, course: Course) -> No
     tmp_path.joinpath("a").mkdir()
     path = record(tmp_path / "a", stated, course, 1, Virtual(microscope=SMALL))
     assert load_case(path).loads.left_out == () and len(read_experiment(load_case(path)).force)
+
+
+def test_a_part_of_a_grain_that_differs_is_no_grain_of_the_case(
+    tmp_path: Path, course: Course
+) -> None:
+    """Parameters of the truth are those of the case, whose boundary has no number."""
+    turned = course.orientations
+    parted = replace(course, orientations=np.concatenate([turned, turned[1:]]))
+    record(tmp_path, CASE, parted, 1, Virtual(microscope=SMALL))
+    written = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
+    assert written["values"]["boundary_shift"]["unit"] == "µm"
 
 
 def test_labels_are_written_anew_as_the_images_lie(tmp_path: Path, course: Course) -> None:

@@ -96,6 +96,23 @@ def test_each_process_beside_the_first_has_a_memory_of_its_own() -> None:
     assert three - two == pytest.approx((two - one) / 2) and two > one
 
 
+def test_the_finer_mesh_is_simulated_in_each_process() -> None:
+    """Of two refits that lead both are corrected at a time."""
+    size = load_case(ALPHA / "case.toml").specimen.mesh_size
+
+    def of_a_process(fine_mesh_size: float) -> float:
+        sizes = {"fine_mesh_size_um": fine_mesh_size}
+        two, three = (
+            with_tables(execution={"processes": n}, specimen=sizes).memory for n in (2, 3)
+        )
+        return three - two
+
+    coarse, fine, finest = (of_a_process(size / n) for n in (1, 2, 3))
+    # Cells grow with the square.
+    assert finest - coarse == pytest.approx(8 / 3 * (fine - coarse), rel=0.02)
+    assert fine > 1.5 * coarse
+
+
 def test_each_refit_keeps_its_derivatives_at_the_pixels_of_the_face() -> None:
     case = load_case(ALPHA / "case.toml")
     one, two, every = (with_tables(diagnosis={"refit": n}).memory for n in (1, 2, len(NAMES)))

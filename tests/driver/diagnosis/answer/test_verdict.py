@@ -93,7 +93,11 @@ def test_the_kind_of_the_answer(found: Verdict, kind: str, names: tuple[str, ...
 
 def test_as_many_additions_as_are_allowed_explain_nothing() -> None:
     assert MOST_ADDITIONS == 3
-    assert "shadow of one that was not tried" in of(CONTRAST, DRIFT, GAIN).text
+    text = of(CONTRAST, DRIFT, GAIN).text
+    assert "their sum describes the data" in text and "shadow of one that was not tried" in text
+    # A blister of the face left a χ of the images of 1.24 to three causes.
+    left = of(CONTRAST, DRIFT, GAIN, accepted=False).text
+    assert "even their sum leaves what is not noise" in left and "describes" not in left
 
 
 def test_what_is_named_is_said_and_can_be_confirmed() -> None:

@@ -113,7 +113,7 @@ def test_another_mesh_that_was_not_run_is_not_done_without(error: SolverError) -
     baseline, _ = refitted()
     meshes = FineModels(finer(BENCH), lambda: failing(error).one)
     with pytest.raises(type(error)):
-        meshes.corrections(OBJECTIVE, baseline, True)
+        meshes.corrections(OBJECTIVE, baseline, True, Executor(1, 1))
 
 
 def test_another_mesh_that_cannot_be_simulated_is_done_without_and_the_log_says_so(
@@ -121,7 +121,7 @@ def test_another_mesh_that_cannot_be_simulated_is_done_without_and_the_log_says_
 ) -> None:
     baseline, _ = refitted()
     meshes = FineModels(finer(BENCH), lambda: failing(SolverError("no step")).one)
-    _, between = meshes.corrections(OBJECTIVE, baseline, True)
+    _, between = meshes.corrections(OBJECTIVE, baseline, True, Executor(1, 1))
     assert between is None and "  one mesh has to do: no step" in lines
 
 

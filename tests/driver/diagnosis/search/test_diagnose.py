@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from driver.diagnosis.answer.detection_limits import not_seen
-from driver.diagnosis.answer.result_types import Diagnosis, Settings
+from driver.diagnosis.answer.result_types import Diagnosis, DiscretisationCheck, Settings
 from driver.diagnosis.answer.verdict import BEGIN_AT_END, BETTER_STARTS, MORE_ITERATIONS
 from driver.diagnosis.causes.all_causes import EVERY
 from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.causes.ebsd_flips import ACROSS, FLIPS, HALF_TURNS
+from driver.diagnosis.search import diagnose
 from driver.diagnosis.search.diagnose import to_converge
 from driver.diagnosis.search.flip_trial import turned
 from driver.identification.fit import fit
@@ -287,6 +288,25 @@ def test_a_simulation_that_changes_its_own_error_is_refused_a_verdict() -> None:
     assert found.numerics.needed == "steps"
     assert "time steps half as long are needed" in found.verdict.text
     assert curved().numerics.passed
+
+
+def test_what_no_finer_simulation_takes_away_is_unexplained_whatever_that_changes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A blister on the face bent the model until its mesh was blamed, and asked for a finer one."""
+    check = DiscretisationCheck(7.6, EVERY[0], "mesh")
+    monkeypatch.setattr(diagnose, "discretisation_check", lambda *arguments: check)
+    two = replace(NONE_HELD_OUT, wanted=("tilt_drift", "load_gain"))
+    found = diagnosed({"tilt_drift": 1.2e-2}, settings=two)
+    assert found.verdict.kind == "unexplained" and not found.numerics.passed
+    assert "a finer mesh is no remedy" in found.verdict.text
+    # Of what explains all the size is in doubt.
+    named = diagnosed({"tilt_drift": 2e-3}, settings=two)
+    assert named.verdict.kind == "numerics" and "7.6 σ" in named.verdict.text
+    # With its own error counted nothing is left.
+    without = replace(found.rounds[0], goodness_of_fit=named.rounds[-1].goodness_of_fit)
+    monkeypatch.setattr(diagnose, "at_first_sight", lambda *arguments: without)
+    assert diagnosed({"tilt_drift": 1.2e-2}, settings=two).verdict.kind == "numerics"
 
 
 def test_a_drift_that_is_fitted_is_no_knot_of_the_held_out_cycle() -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.diagnosis.search.fine_models import FineModels
+from driver.diagnosis.search.refit import Executor
 from driver.forward.model import ForwardModel
 from driver.identification.correction import correction
 from driver.identification.fit import Fit
@@ -43,7 +44,9 @@ def raising(error: Exception) -> Callable[[], ForwardModel]:
 
 
 def test_two_meshes_give_the_difference_of_the_first_and_half_of_what_the_other_adds() -> None:
-    first, half = FineModels(ONE, lambda: ANOTHER).corrections(OBJECTIVE, here(), True)
+    first, half = FineModels(ONE, lambda: ANOTHER).corrections(
+        OBJECTIVE, here(), True, Executor(1, 1)
+    )
     working, one, other = (m.predict(here().values) for m in (BENCH.model, ONE, ANOTHER))
     assert half is not None
     assert first.motion == pytest.approx(one.motion - working.motion, abs=1e-12)
@@ -56,13 +59,33 @@ def test_two_meshes_give_the_difference_of_the_first_and_half_of_what_the_other_
     assert both.load == pytest.approx(mean - working.load, abs=1e-9)
 
 
+def test_both_meshes_are_simulated_side_by_side_with_the_same_numbers_and_words(
+    lines: list[str],
+) -> None:
+    meshes, at = FineModels(ONE, lambda: ANOTHER), here()
+    lines.clear()
+    first, half = meshes.corrections(OBJECTIVE, at, True, Executor(1, 1))
+    told = lines.copy()
+    same, as_much = meshes.corrections(OBJECTIVE, at, True, Executor(2, 1))
+    assert half is not None and as_much is not None
+    for one, other in ((first, same), (half, as_much)):
+        np.testing.assert_array_equal(one.motion, other.motion)
+        np.testing.assert_array_equal(one.load, other.load)
+    values = {n: 1.02 * v for n, v in at.values.items()}
+    for wanted, found in zip(first.at(values).of_mesh, same.at(values).of_mesh, strict=True):
+        np.testing.assert_array_equal(found, wanted)
+    assert told[-2] == "the same on another mesh" and lines == 2 * told
+
+
 def test_what_the_other_mesh_adds_is_told_without_the_first_one_again() -> None:
     baseline, free = here(), here().best.free
     away = {n: 1.02 * v if n == "tau0" else v for n, v in baseline.values.items()}
     taken = correction(BENCH.model, ONE, BENCH.model.predict(away, free), away, free=free)
     meshes = FineModels(replace(ONE, adapter=Never()), lambda: ANOTHER)
     half = meshes.spread(replace(OBJECTIVE, correction=taken), baseline)
-    _, wanted = FineModels(ONE, lambda: ANOTHER).corrections(OBJECTIVE, baseline, True)
+    _, wanted = FineModels(ONE, lambda: ANOTHER).corrections(
+        OBJECTIVE, baseline, True, Executor(1, 1)
+    )
     assert half is not None and wanted is not None
     constant = 0.5 * np.abs(taken.load - taken.at(baseline.values).load).max()
     assert np.abs(half.load - wanted.load).max() < 0.1 * constant
@@ -70,21 +93,23 @@ def test_what_the_other_mesh_adds_is_told_without_the_first_one_again() -> None:
 
 def test_the_other_mesh_is_made_where_it_is_asked_for_alone() -> None:
     unwanted = FineModels(ONE, raising(AssertionError("was made")))
-    assert unwanted.corrections(OBJECTIVE, here(), False)[1] is None
-    assert FineModels(ONE).corrections(OBJECTIVE, here(), True)[1] is None
+    assert unwanted.corrections(OBJECTIVE, here(), False, Executor(1, 1))[1] is None
+    assert FineModels(ONE).corrections(OBJECTIVE, here(), True, Executor(1, 1))[1] is None
 
 
 def test_where_the_other_mesh_cannot_be_simulated_one_has_to_do_and_that_is_told(
     lines: list[str],
 ) -> None:
     meshes = FineModels(ONE, raising(SolverError("no step is short enough\nin 7 tries")))
-    assert meshes.corrections(OBJECTIVE, here(), True)[1] is None
+    assert meshes.corrections(OBJECTIVE, here(), True, Executor(1, 1))[1] is None
     assert lines[-1] == "  one mesh has to do: no step is short enough"
 
 
 def test_a_job_that_was_only_prepared_is_not_done_without() -> None:
     with pytest.raises(PreparedError):
-        FineModels(ONE, raising(PreparedError([Path("key")]))).corrections(OBJECTIVE, here(), True)
+        FineModels(ONE, raising(PreparedError([Path("key")]))).corrections(
+            OBJECTIVE, here(), True, Executor(1, 1)
+        )
 
 
 def test_a_flip_of_the_ebsd_frame_turns_the_grains_of_both_meshes() -> None:

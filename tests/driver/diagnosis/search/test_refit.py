@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from driver.diagnosis.causes.causes import Cause
+from driver.diagnosis.search import refit
 from driver.diagnosis.search.refit import (
     Executor,
     Start,
@@ -136,6 +137,28 @@ def test_a_start_that_cannot_be_simulated_is_given_up_and_told(
     assert refit_from(starts, Executor(1, 1)) == []
     told = "a start is given up, for it cannot be simulated (no step is short enough)"
     assert lines == [f"  x: {told}"]
+
+
+def test_causes_that_bend_are_refitted_first_and_answered_in_the_order_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """They take the most iterations: the last one kept a core busy, and the other waited."""
+    (start,) = where_nothing_answers(SolverError("no step"))
+    causes = [
+        replace(start.cause, name=n, strongly_nonlinear=n == "bent") for n in ("flat", "bent")
+    ]
+    begun: list[str] = []
+
+    def fitted(task: Start) -> Any:
+        begun.append(task.cause.name)
+        return task.cause
+
+    monkeypatch.setattr(refit, "_fitted", fitted)
+    monkeypatch.setattr(refit, "refit_of", lambda cause, objective, result, baseline: result)
+    monkeypatch.setattr(refit, "refit_line", lambda result: result.name)
+    starts = [replace(start, cause=cause) for cause in causes]
+    answered: Any = refit_from(starts, Executor(1, 1))
+    assert begun == ["bent", "flat"] and answered == causes
 
 
 def test_a_companion_that_is_free_already_is_freed_once() -> None:

@@ -10,6 +10,7 @@ from driver.common.progress import progress_to
 from driver.diagnosis.answer.result_types import Diagnosis, Settings
 from driver.diagnosis.search.diagnose import diagnose
 from driver.diagnosis.search.fine_models import FineModels
+from driver.diagnosis.search.refit import Executor
 from driver.diagnosis.search.second_mesh_check import held_against_both
 from driver.diagnosis.statistics.score_test import effects_of
 from driver.diagnosis.statistics.screening import screen, screened
@@ -125,7 +126,7 @@ def test_the_jobs_of_both_meshes_are_prepared_at_once() -> None:
     )
     objective, baseline = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
     with pytest.raises(PreparedError) as error:
-        FineModels(one, lambda: another).corrections(objective, baseline, True)
+        FineModels(one, lambda: another).corrections(objective, baseline, True, Executor(1, 1))
     assert error.value.folders == (Elsewhere.folder, ElsewhereToo.folder)
 
 
@@ -158,7 +159,7 @@ def test_what_no_mesh_moves_is_as_significant_as_before(
     (one, *rest), widened = screen(here, objective, candidates, effects, SETTINGS.sizes)
     looked = replace(one, family=4 * one.family, p=4 * one.p)
     found = held_against_both(
-        FineModels(FINE, lambda: FINE), here, objective, [looked, *rest], widened
+        FineModels(FINE, lambda: FINE), here, objective, [looked, *rest], widened, Executor(1, 1)
     )
     assert found is not None and found.lost is None
     (told,) = (line for line in lines if "moved by" in line)
