@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from driver.common.machine import cores
 from driver.common.splines.images import samples
-from driver.dic import correlation
+from driver.dic import correlation, engine
 from driver.dic.basis import grid_basis, mesh_basis
 from driver.dic.correlation import Correlation, Options, correlate
 from driver.dic.regularisation import Penalty, modes, penalties
@@ -393,12 +393,12 @@ def test_blas_has_one_thread_in_a_correlation(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its matrices are small: on a busy machine threads that wait for each other took 20 times."""
-    threads, engine = [], correlation.solve
+    threads: list[int] = []
 
     def solve(*arguments: Any, **named: Any) -> Any:
         found = threadpool_info()
         threads.extend(each["num_threads"] for each in found if each["user_api"] == "blas")
-        return engine(*arguments, **named)
+        return engine.solve(*arguments, **named)
 
     monkeypatch.setattr(correlation, "solve", solve)
     f, g, mask = arrays(scene([(still, still, still)], noise=1e-3))
