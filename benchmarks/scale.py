@@ -19,10 +19,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from benchmarks.measuring import show
 from driver.common.parallel import side_by_side
 
-# What only some figures need is imported by them: processes of tasks import this module.
+# What no task needs is imported where it is used: processes of tasks import this module.
 
 _WORK = 0.02  # s of a task
 _CASES = 8
@@ -93,6 +92,8 @@ def many_images() -> Any:
 
 def main() -> None:
     """Run the study."""
+    from benchmarks.measuring import show
+
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="end within 45 s")
     parser.add_argument("--images", type=int, nargs="+", help="memory of so many images alone")

@@ -15,14 +15,14 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExe
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
-from functools import partial
+from functools import lru_cache, partial
 from itertools import count, islice
 from multiprocessing import connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from solver_adapters.interface import PreparedError
 from solver_adapters.kernels import use_threads
@@ -391,7 +391,7 @@ def blas_on_one_thread() -> Iterator[None]:
         if not _inside:
             # The variables are for a library that is loaded inside.
             _limits.enter_context(_environment(dict.fromkeys(_OF_BLAS, "1")))
-            _limits.enter_context(threadpool_limits(1, "blas"))
+            _limits.enter_context(_libraries(len(sys.modules)).limit(limits=1, user_api="blas"))
         _inside += 1
     try:
         yield
@@ -400,6 +400,12 @@ def blas_on_one_thread() -> Iterator[None]:
             _inside -= 1
             if not _inside:
                 _limits.close()
+
+
+@lru_cache(maxsize=1)
+def _libraries(_modules: int) -> ThreadpoolController:
+    """Return the numerical libraries that are loaded: sought anew where modules have come since."""
+    return ThreadpoolController()
 
 
 _entering, _limits = threading.Lock(), ExitStack()

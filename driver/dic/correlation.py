@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from driver.common.element_sizes import ELEMENT_UV, ELEMENT_W
+from driver.common.parallel import blas_on_one_thread
 from driver.common.splines.kernels import coefficients, slopes_at
 from driver.dic.basis import Basis, basis_on, motion_at_pixels
 from driver.dic.engine import (
@@ -136,6 +137,7 @@ class Correlation(Solution):
         return self.covariance_of(np.eye(self.system.size))
 
 
+@blas_on_one_thread()
 def correlate(
     reference: NDArray[Any],
     images: NDArray[Any] | Sequence[NDArray[Any]],

@@ -341,7 +341,7 @@ def _solved(
         own = _as_high(equations, float(known[t]))
         end = own.solve(problem.splines[t], starts[t], tolerance, variance)
         compared = np.isfinite(end.residual)
-        along = 0.0 if relief is None else relief.along(end.residual, end.p)
+        along = 0.0 if relief is None else relief.along(end)
         solved = _Outcome(end, compared, 0.0, 0, along, 0.0)
         left = flat if solved.lost else end.residual
         return replace(
@@ -375,8 +375,8 @@ def _unlike(solved: Sequence[_Outcome]) -> BoolArray:
     if lost.all():
         return ~lost
     left = np.sqrt([one.squares / max(one.seen, 1) for one in solved])
-    # Of two images the better one is usual.
-    usual = np.quantile(left[~lost], 0.5, method="lower")
+    told = np.sort(left[~lost])
+    usual = told[(len(told) - 1) // 2]  # of two images the better one
     return np.asarray(lost | (left > UNLIKE * usual))
 
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
 from scipy.signal import fftconvolve
 
 from driver.dic.system import System
-from driver.experiment.images.rigid import phase_correlation
-from meshes.arrays import FloatArray
+from driver.experiment.images.rigid import phase_correlation, spectral_shift, spectrum
+from meshes.arrays import ComplexArray, FloatArray
 
 JUMP = 0.5  # px; a smaller shift between two images is left to Gauss–Newton
 TURNS = 4.0  # degrees between the angles that are tried
@@ -19,11 +20,17 @@ _FLAT = 1e-6  # of the squares of an image, below which a part of it has no reli
 REMEMBERED = 3  # images before, beside the reference: two in turn may show something else
 
 
-class Seen(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Seen:
     """An image that was followed: binned, and its nodal values (n,)."""
 
     image: FloatArray
     p: FloatArray
+
+    @cached_property
+    def spectrum(self) -> ComplexArray:
+        """What the shift of later images is found from."""
+        return spectrum(self.image)
 
 
 class Trail:
@@ -54,18 +61,19 @@ class Trail:
         """
         # Of several that leave as much, as those of a lost image do, the last one counts.
         best, least = self._last[-1].p, np.inf
+        now, shape = spectrum(image), (image.shape[0], image.shape[1])
         tried = [*reversed(self._last)]
         if self._last[0] is not self._reference:
             tried.append(self._reference)
         for before in tried:
-            for p in self._from(before, image):
+            shift = self._scale * np.array(spectral_shift(before.spectrum, now, shape))
+            for p in self._from(before, shift):
                 left = _left(self._system, spline, p)
                 if left < least:
                     best, least = p, left
         return best
 
-    def _from(self, before: Seen, image: FloatArray) -> list[FloatArray]:
-        shift = self._scale * np.array(phase_correlation(before.image, image))
+    def _from(self, before: Seen, shift: FloatArray) -> list[FloatArray]:
         if np.hypot(*shift) <= JUMP * self._system.pixels.pixel:
             return [before.p]
         n = self._system.n_uv

@@ -36,6 +36,7 @@ def _cubic(t: float) -> tuple[float, float, float, float]:
 
 
 MAX_PARTNERS = 32
+TOGETHER = 64  # pixels of a pair whose products are summed at a time
 
 
 @_compiled
@@ -89,6 +90,17 @@ def motion_of(
     """
     n_images = p.shape[1]
     motion = np.zeros((3, len(cell_uv), n_images))
+    if n_images == 1:  # sums that need not be kept: the same ones, in half of the time
+        for k in range(len(cell_uv)):
+            u, v, w = 0.0, 0.0, 0.0
+            for a in range(shape_uv.shape[1]):
+                node, value = cells_uv[cell_uv[k], a], shape_uv[k, a]
+                u += value * p[node, 0]
+                v += value * p[n_uv + node, 0]
+            for a in range(shape_w.shape[1]):
+                w += shape_w[k, a] * p[2 * n_uv + cells_w[cell_w[k], a], 0]
+            motion[0, k, 0], motion[1, k, 0], motion[2, k, 0] = u, v, w
+        return motion
     for k in range(len(cell_uv)):
         for a in range(shape_uv.shape[1]):
             node, value = cells_uv[cell_uv[k], a], shape_uv[k, a]
@@ -134,56 +146,70 @@ def _residual_and_right_side(
     n_rows, n_cols = image.shape
     right[:] = 0.0
     used = 0
-    for k in range(len(rows)):
-        cu, cw = cell_uv[k], cell_w[k]
-        u, v, w = 0.0, 0.0, 0.0
+    # What pixels in a row share that lie in the same cells is fetched, and added, once for all.
+    own, told = np.empty(2 * m + q), np.empty(2 * m + q)
+    end = 0
+    while end < len(rows):
+        first, cu, cw = end, cell_uv[end], cell_w[end]
+        while end < len(rows) and cell_uv[end] == cu and cell_w[end] == cw:
+            end += 1
         for a in range(m):
-            node, value = cells_uv[cu, a], shape_uv[k, a]
-            u += value * p[node]
-            v += value * p[n_uv + node]
+            node = cells_uv[cu, a]
+            own[a], own[m + a] = p[node] * per_pixel, p[n_uv + node] * per_pixel
         for a in range(q):
-            w += shape_w[k, a] * p[2 * n_uv + cells_w[cw, a]]
-        y, x = rows[k] + u * per_pixel, cols[k] + v * per_pixel
-        if not (-0.5 <= y <= n_rows - 0.5 and -0.5 <= x <= n_cols - 0.5):
-            residual[k] = np.nan
-            continue
-        r, c = int(np.floor(y)), int(np.floor(x))
-        t, s = y - r, x - c
-        a0, a1, a2, a3 = _cubic(t)
-        b0, b1, b2, b3 = _cubic(s)
-        if 1 <= r < n_rows - 2 and 1 <= c < n_cols - 2:
-            g = 0.0
-            for i in range(4):
-                line = (
-                    b0 * image[r - 1 + i, c - 1]
-                    + b1 * image[r - 1 + i, c]
-                    + b2 * image[r - 1 + i, c + 1]
-                    + b3 * image[r - 1 + i, c + 2]
-                )
-                g += (a0 if i == 0 else a1 if i == 1 else a2 if i == 2 else a3) * line
-        else:
-            g = 0.0
-            for i in range(4):
-                at = _mirrored(r - 1 + i, n_rows)
-                line = (
-                    b0 * image[at, _mirrored(c - 1, n_cols)]
-                    + b1 * image[at, _mirrored(c, n_cols)]
-                    + b2 * image[at, _mirrored(c + 1, n_cols)]
-                    + b3 * image[at, _mirrored(c + 2, n_cols)]
-                )
-                g += (a0 if i == 0 else a1 if i == 1 else a2 if i == 2 else a3) * line
-        rho = height[k] + w - g
-        residual[k] = rho
-        if rho != rho:
-            continue
-        used += 1
-        gx, gy = slope[k, 0] * rho, slope[k, 1] * rho
+            own[2 * m + a] = p[2 * n_uv + cells_w[cw, a]]
+        told[:] = 0.0
+        for k in range(first, end):
+            y, x, w = rows[k], cols[k], 0.0
+            for a in range(m):
+                y += shape_uv[k, a] * own[a]
+                x += shape_uv[k, a] * own[m + a]
+            for a in range(q):
+                w += shape_w[k, a] * own[2 * m + a]
+            if not (-0.5 <= y <= n_rows - 0.5 and -0.5 <= x <= n_cols - 0.5):
+                residual[k] = np.nan
+                continue
+            r, c = int(np.floor(y)), int(np.floor(x))
+            a0, a1, a2, a3 = _cubic(y - r)
+            b0, b1, b2, b3 = _cubic(x - c)
+            if 1 <= r < n_rows - 2 and 1 <= c < n_cols - 2:
+                g = 0.0
+                for j in range(4):
+                    line = (
+                        a0 * image[r - 1, c - 1 + j]
+                        + a1 * image[r, c - 1 + j]
+                        + a2 * image[r + 1, c - 1 + j]
+                        + a3 * image[r + 2, c - 1 + j]
+                    )
+                    g += (b0 if j == 0 else b1 if j == 1 else b2 if j == 2 else b3) * line
+            else:
+                g = 0.0
+                for j in range(4):
+                    at = _mirrored(c - 1 + j, n_cols)
+                    line = (
+                        a0 * image[_mirrored(r - 1, n_rows), at]
+                        + a1 * image[_mirrored(r, n_rows), at]
+                        + a2 * image[_mirrored(r + 1, n_rows), at]
+                        + a3 * image[_mirrored(r + 2, n_rows), at]
+                    )
+                    g += (b0 if j == 0 else b1 if j == 1 else b2 if j == 2 else b3) * line
+            rho = height[k] + w - g
+            residual[k] = rho
+            if rho != rho:
+                continue
+            used += 1
+            gx, gy = slope[k, 0] * rho, slope[k, 1] * rho
+            for a in range(m):
+                told[a] += shape_uv[k, a] * gx
+                told[m + a] += shape_uv[k, a] * gy
+            for a in range(q):
+                told[2 * m + a] += shape_w[k, a] * rho
         for a in range(m):
-            node, value = cells_uv[cu, a], shape_uv[k, a]
-            right[node] += value * gx
-            right[n_uv + node] += value * gy
+            node = cells_uv[cu, a]
+            right[node] += told[a]
+            right[n_uv + node] += told[m + a]
         for a in range(q):
-            right[2 * n_uv + cells_w[cw, a]] -= shape_w[k, a] * rho
+            right[2 * n_uv + cells_w[cw, a]] -= told[2 * m + a]
     return used
 
 
@@ -284,24 +310,35 @@ def _pair_hessians(
     shape_w: FloatArray,
 ) -> FloatArray:
     size = 2 * m + q
-    length = size * (size + 1) // 2
-    blocks = np.zeros((n_pairs, length))
-    line, total = np.empty(size), np.zeros(length)
+    blocks = np.zeros((n_pairs, size * (size + 1) // 2))
+    first = np.zeros(n_pairs + 1, np.int64)
     for k in range(len(pair)):
-        for a in range(m):
-            line[a] = slope[k, 0] * shape_uv[k, a]
-            line[m + a] = slope[k, 1] * shape_uv[k, a]
-        for a in range(q):
-            line[2 * m + a] = -shape_w[k, a]
-        at = 0
-        for i in range(size):
-            for j in range(i + 1):
-                total[at + j] += line[i] * line[j]
-            at += i + 1
-        if k + 1 == len(pair) or pair[k + 1] != pair[k]:
-            for at in range(length):
-                blocks[pair[k], at] += total[at]
-                total[at] = 0.0
+        first[pair[k] + 1] += 1
+    first = np.cumsum(first)
+    member, fill = np.empty(len(pair), np.int64), first[:-1].copy()
+    for k in range(len(pair)):
+        member[fill[pair[k]]] = k
+        fill[pair[k]] += 1
+    # Functions of some pixels of a pair, one after the other: their products are sums along lines.
+    lines = np.empty((size, TOGETHER))
+    for which in range(n_pairs):
+        for start in range(first[which], first[which + 1], TOGETHER):
+            some = min(TOGETHER, first[which + 1] - start)
+            for i in range(some):
+                k = member[start + i]
+                for a in range(m):
+                    lines[a, i] = slope[k, 0] * shape_uv[k, a]
+                    lines[m + a, i] = slope[k, 1] * shape_uv[k, a]
+                for a in range(q):
+                    lines[2 * m + a, i] = -shape_w[k, a]
+            at = 0
+            for a in range(size):
+                for b in range(a + 1):
+                    total = 0.0
+                    for i in range(some):
+                        total += lines[a, i] * lines[b, i]
+                    blocks[which, at] += total
+                    at += 1
     return blocks
 
 
@@ -318,6 +355,23 @@ def pair_hessians(
     if m == 4 and q == 4:
         return _pair_hessians(4, 4, pair, n_pairs, slope, shape_uv, shape_w)
     return _pair_hessians(m, q, pair, n_pairs, slope, shape_uv, shape_w)
+
+
+@_compiled
+def shares(cells: IntArray, cell: IntArray, shape: FloatArray, n: int) -> FloatArray:
+    """Sum over the pixels what each function has there, signs left out, shape (n,).
+
+    Args:
+        cells: nodes of the cells, (n_cells, m).
+        cell: cell of each pixel, (n_pix,).
+        shape: its functions at the pixel, (n_pix, m).
+        n: number of functions.
+    """
+    total = np.zeros(n)
+    for k in range(len(cell)):
+        for a in range(shape.shape[1]):
+            total[cells[cell[k], a]] += abs(shape[k, a])
+    return total
 
 
 @_compiled

@@ -105,5 +105,6 @@ class Equations:
                 again = self.of(kept).iterate(image, end.p, tolerance, variance=variance)
                 end = replace(again, iterations=end.iterations + again.iterations)
         if end.residual.size < seen.size:
-            end = replace(end, residual=self.whole.residual(image, end.p))
+            now = self.whole.compare(image, end.p)
+            end = replace(end, residual=now.residual, right=now.right)
         return end

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from driver.dic.basis import motion_at_pixels
-from driver.dic.system import System
+from driver.dic.system import End, System
 from meshes.arrays import BoolArray, FloatArray
 
 _SURE = 5.0  # σ of a gain beyond which it is another one
@@ -38,15 +37,18 @@ class Gains:
 class Relief:
     """The relief c of the reference about its mean, as one more unknown beside the motion.
 
-    With J the sensitivity of the motion, A = JᵀJ + P and z = A⁻¹ Jᵀ c.
+    With J the sensitivity of the motion, A = JᵀJ + P and z = A⁻¹ Jᵀ c. c⊥ = c − J z is what no
+    motion makes of it.
 
     Attributes:
-        left: c⊥ = c − J z, what no motion makes of it [µm], shape (n_pix,).
+        height: c [µm], shape (n_pix,).
+        motion: z, shape (n,).
         pull: P z, shape (n,).
         sight: c·c⊥ [µm²].
     """
 
-    left: FloatArray
+    height: FloatArray
+    motion: FloatArray
     pull: FloatArray
     sight: float
 
@@ -58,14 +60,18 @@ class Relief:
         flat = np.zeros((int(at.rows.max()) + 2, int(at.cols.max()) + 2))
         right = system.at_heights(relief).compare(flat, np.zeros(system.size)).right
         z = system.solve(right)
-        moved = motion_at_pixels(system.basis_uv, system.basis_w, z[None])[0]
-        seen = (at.slope * moved[:, :2]).sum(axis=1) - moved[:, 2]
-        left = relief - seen
-        return Relief(left, system.penalty_force(z), float(relief @ left))
+        sight = float(relief @ relief - z @ right)
+        return Relief(relief, z, system.penalty_force(z), sight)
 
-    def along(self, residual: FloatArray, p: FloatArray) -> float:
-        """c⊥·ρ + (P z)·p, by which least squares change the gain [µm²]."""
-        return float(np.nansum(self.left * residual) + self.pull @ p)
+    def along(self, end: End) -> float:
+        """c⊥·ρ + (P z)·p, by which least squares change the gain [µm²].
+
+        With b = Jᵀρ the former is c·ρ − z·b.
+        """
+        seen = np.isfinite(end.residual)
+        whole = bool(seen.all())
+        shown = self.height @ end.residual if whole else self.height[seen] @ end.residual[seen]
+        return float(shown - self.motion @ end.right + self.pull @ end.p)
 
     def gains(
         self, system: System, along: FloatArray, known: FloatArray, sigma: float, n_reference: int
@@ -83,7 +89,7 @@ class Relief:
             sigma: noise of one image [µm].
             n_reference: images averaged into the reference.
         """
-        of_noise = sigma**2 / n_reference * (self.left.size - system.freedom())
+        of_noise = sigma**2 / n_reference * (self.height.size - system.freedom())
         sight = self.sight - of_noise
         if sight <= of_noise:  # relief that noise hides
             return Gains(known.copy(), np.inf, np.inf)

@@ -13,7 +13,7 @@ from scipy.sparse import csc_array, csr_array, diags_array, hstack
 
 from driver.dic.basis import Basis
 from driver.dic.factor import DENSE, DenseFactor, Factor, Matrix, make_factor
-from driver.dic.kernels import cell_pairs, pair_hessians, residual_and_right_side
+from driver.dic.kernels import cell_pairs, pair_hessians, residual_and_right_side, shares
 from driver.dic.patterns import summed_dense, summed_sparse
 from driver.dic.turn import mean_gradient, mean_turn, turned
 from driver.experiment.images.heightmaps import ImageError
@@ -57,6 +57,7 @@ class End:
     Attributes:
         p: nodal values [u | v | w] [µm], shape (n,).
         residual: ρ at each pixel [µm], NaN where the pixel left the image or met no height.
+        right: b of that residual, shape (n,).
         iterations: Gauss–Newton steps.
         reason: why it stopped.
         last_update: largest nodal update of u, v in the last step [px].
@@ -67,6 +68,7 @@ class End:
 
     p: FloatArray
     residual: FloatArray
+    right: FloatArray
     iterations: int
     reason: Reason
     last_update: float
@@ -166,9 +168,7 @@ class System:
     def _mean_gradient(self) -> FloatArray | None:
         """What gives the mean gradient of u and v, each node by how much the pixels tell of it."""
         uv = self.basis_uv
-        nodes, share = uv.mesh.cells[uv.cell], np.abs(uv.shape)
-        told = np.bincount(nodes.ravel(), share.ravel(), minlength=self.n_uv)
-        return mean_gradient(uv.nodes, told.astype(np.float64))
+        return mean_gradient(uv.nodes, shares(uv.mesh.cells, uv.cell, uv.shape, self.n_uv))
 
     def penalty_force(self, p: FloatArray) -> FloatArray:
         """Σ a_k R_k p, shape (n,)."""
@@ -285,7 +285,7 @@ class System:
                 break
         if reason == "slow" and in_sigma < WITHIN_NOISE:
             reason = "converged"
-        return End(p, now.residual, iteration, reason, before, in_sigma, steady)
+        return End(p, now.residual, now.right, iteration, reason, before, in_sigma, steady)
 
     def _smallest_eigenvalue(self) -> float:
         """Of the scaled matrix, from above, by inverse iteration."""

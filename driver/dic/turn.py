@@ -24,9 +24,11 @@ def mean_gradient(nodes: FloatArray, weights: FloatArray) -> FloatArray | None:
     places = nodes - weights @ nodes / weights.sum()
     weighted = places.T * weights
     spread = weighted @ places
-    if not np.linalg.det(spread) > 0.0:
+    (xx, xy), (_, yy) = spread.tolist()
+    area = xx * yy - xy * xy
+    if not area > 0.0:
         return None
-    return np.asarray(np.linalg.solve(spread, weighted))
+    return np.asarray(np.array([[yy, -xy], [-xy, xx]]) @ weighted / area)
 
 
 def mean_turn(gradient: FloatArray | None, p: FloatArray) -> float:

@@ -214,14 +214,19 @@ def _values_at_points(image: FloatArray, rows: FloatArray, cols: FloatArray) -> 
     for p in range(len(rows)):
         r, c = int(np.floor(rows[p])), int(np.floor(cols[p]))
         a, b = _weights_at(rows[p] - r), _weights_at(cols[p] - c)
-        inside = r >= 1 and c >= 1 and r + 2 < n_rows and c + 2 < n_cols
         total = 0.0
-        for i in range(4):
-            k = r - 1 + i if inside else _folded(r - 1 + i, n_rows)
-            line = 0.0
-            for j in range(4):
-                line += b[j] * image[k, c - 1 + j if inside else _folded(c - 1 + j, n_cols)]
-            total += a[i] * line
+        if r >= 1 and c >= 1 and r + 2 < n_rows and c + 2 < n_cols:
+            for i in range(4):
+                line = 0.0
+                for j in range(4):
+                    line += b[j] * image[r - 1 + i, c - 1 + j]
+                total += a[i] * line
+        else:
+            for i in range(4):
+                k, line = _folded(r - 1 + i, n_rows), 0.0
+                for j in range(4):
+                    line += b[j] * image[k, _folded(c - 1 + j, n_cols)]
+                total += a[i] * line
         value[p] = total
     return (value,)
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy import fft, ndimage
 
+from driver.common.splines.images import SplineImages, spline_images
 from driver.experiment.images.heightmaps import HeightMaps, ImageError, fill_off_surface, on_surface
 from driver.experiment.images.plane import plane_modes
 from driver.experiment.images.spikes import NORMAL
@@ -17,6 +19,7 @@ from meshes.arrays import BoolArray, FloatArray
 # pixels noise alone loses 70 readings, nothing to the mean.
 DIRT = 5.0
 _NEIGHBOURS = 9  # orders along each axis over which the power of a pattern's cosines is averaged
+_REACH = 16  # px, beyond which the cardinal spline is below 1e-9
 _BAND = 32  # rows that are looked at together in all flats, to bound the memory
 
 
@@ -114,17 +117,16 @@ def left_over(displacement: FloatArray, gain: FloatArray) -> FloatArray:
         displacement: u, v [pixels], shape (..., 2).
         gain: variance of interpolated white noise at x + u, shape (...).
     """
-    shared = _cardinal(displacement[..., 0]) * _cardinal(displacement[..., 1])
-    return np.asarray(1.0 + gain - 2.0 * shared)
+    u, v = (np.clip(displacement[..., axis], -_REACH, _REACH) for axis in (0, 1))
+    return np.asarray(1.0 + gain - 2.0 * _cardinal().value(0, u, v))
 
 
-def _cardinal(t: FloatArray) -> FloatArray:
-    """Return the cubic spline that is 1 at 0 and 0 at every other integer, at t."""
-    reach = 16  # beyond, it is below 1e-9
-    delta = np.zeros(2 * reach + 1)
-    delta[reach] = 1.0
-    at = reach + np.clip(t, -reach, reach)
-    return np.asarray(ndimage.map_coordinates(delta, [at.ravel()], mode="mirror")).reshape(t.shape)
+@cache
+def _cardinal() -> SplineImages:
+    """Return η(u) η(v), the cubic spline that is 1 at the origin and 0 at every other pixel."""
+    delta = np.zeros((1, 2 * _REACH + 1, 2 * _REACH + 1))
+    delta[0, _REACH, _REACH] = 1.0
+    return spline_images(delta, 1.0, (float(_REACH), float(_REACH)))
 
 
 def _planes(valid: BoolArray) -> FloatArray:

@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from driver.experiment.images.heightmaps import ImageError, fill_off_surface, on_surface
 from driver.experiment.images.plane import plane_modes
-from meshes.arrays import BoolArray, FloatArray
+from meshes.arrays import BoolArray, ComplexArray, FloatArray
 
 SMOOTHING = 1.0  # px; of the gradient only, against noise that would dampen the steps
 BANDWIDTH = 0.12  # cycles/px; phases beyond are noise on a pattern of several pixels
@@ -66,12 +66,22 @@ def phase_correlation(f: FloatArray, g: FloatArray) -> tuple[float, float]:
     The cross-power spectrum is whitened within the band of the pattern only, and the peak is
     interpolated by a parabola in each direction.
     """
-    taper, band = _filters((f.shape[0], f.shape[1]))
-    spectra = [np.fft.rfft2((h - h.mean()) * taper) for h in (f, g)]
-    cross = np.conj(spectra[0]) * spectra[1]
+    return spectral_shift(spectrum(f), spectrum(g), (f.shape[0], f.shape[1]))
+
+
+def spectrum(heights: FloatArray) -> ComplexArray:
+    """Return what `spectral_shift` needs of an image: the spectrum of its tapered heights."""
+    taper, _ = _filters((heights.shape[0], heights.shape[1]))
+    return np.asarray(np.fft.rfft2((heights - heights.mean()) * taper))
+
+
+def spectral_shift(f: ComplexArray, g: ComplexArray, shape: tuple[int, int]) -> tuple[float, float]:
+    """`phase_correlation` of two images of a shape whose spectra are known."""
+    _, band = _filters(shape)
+    cross = np.conj(f) * g
     magnitude = np.abs(cross)
     cross *= np.divide(band, magnitude, out=np.zeros_like(band), where=magnitude > 0)
-    peak = np.fft.irfft2(cross, f.shape)
+    peak = np.fft.irfft2(cross, shape)
     top = np.unravel_index(int(peak.argmax()), peak.shape)
     shift = []
     for axis, at in enumerate(top):

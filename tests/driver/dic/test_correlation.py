@@ -8,8 +8,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.sparse import csc_array
+from threadpoolctl import threadpool_info, threadpool_limits
 
+from driver.common.machine import cores
 from driver.common.splines.images import samples
+from driver.dic import correlation, engine
 from driver.dic.basis import grid_basis, mesh_basis
 from driver.dic.correlation import Correlation, Options, correlate
 from driver.dic.regularisation import Penalty, modes, penalties
@@ -383,3 +386,22 @@ def test_a_bad_image_spoils_no_other(
 
 def test_images_alike_are_all_heard(series: tuple[FloatArray, FloatArray, FloatArray]) -> None:
     assert not correlate(series[0], series[1][:2]).unlike.any()
+
+
+@pytest.mark.skipif(cores() < 2, reason="one core has one thread")
+def test_blas_has_one_thread_in_a_correlation(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its matrices are small: on a busy machine threads that wait for each other took 20 times."""
+    threads: list[int] = []
+
+    def solve(*arguments: Any, **named: Any) -> Any:
+        found = threadpool_info()
+        threads.extend(each["num_threads"] for each in found if each["user_api"] == "blas")
+        return engine.solve(*arguments, **named)
+
+    monkeypatch.setattr(correlation, "solve", solve)
+    f, g, mask = arrays(scene([(still, still, still)], noise=1e-3))
+    with threadpool_limits(2, "blas"):
+        correlate(f, g, PIXEL, mask)
+    assert threads and set(threads) == {1}

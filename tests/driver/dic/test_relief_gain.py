@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from driver.common.splines.kernels import coefficients
 from driver.dic.correlation import correlate
+from driver.dic.relief_gain import Relief
+from driver.dic.system import sensitivity
 from meshes.arrays import FloatArray
 
 SHAPE = (90, 120)
@@ -61,3 +64,21 @@ def test_noise_without_relief_tells_no_gain() -> None:
     slope = 0.02 * (ROW + COL)
     found = correlate(slope + rng.normal(0, 0.1, SHAPE), [slope + rng.normal(0, 0.1, SHAPE)])
     assert (found.applied == 1.0).all()
+
+
+def test_what_changes_a_gain_is_the_residual_along_relief_that_no_motion_makes() -> None:
+    f, g = images([1.0, 1.0, 1.0, 1.0])
+    found = correlate(f, g, sigma=0.05)
+    system = found.system
+    relief, end = Relief.of(system), system.iterate(coefficients(g[3]), found.coefficients[3], 1e-3)
+    assert 0 < np.isnan(end.residual).sum() < 500  # pixels that have left the image
+    seen = sensitivity(system.pixels.slope, system.basis_uv, system.basis_w).toarray()
+    held = sum(
+        weight * np.asarray(part) for weight, part in zip(system.weights, system.parts, strict=True)
+    )
+    c = system.pixels.height - system.pixels.height.mean()
+    z = np.linalg.solve(seen.T @ seen + held, seen.T @ c)
+    left = c - seen @ z
+    assert relief.sight == pytest.approx(c @ left, rel=1e-10)
+    along = np.nansum(left * end.residual) + z @ held @ end.p
+    assert relief.along(end) == pytest.approx(along, rel=1e-8)
