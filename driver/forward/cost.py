@@ -74,7 +74,7 @@ def simulation_memory(
     # A move and a hold for each image.
     response, trajectory = of_image * (directions + 1), 2 * steps_per_interval * of_image
     points = 8.0 * n_cells * _POINTS_PER_CELL[kind] * _POINT_NUMBERS[systems] * directions
-    matrix = _MATRIX_BYTES[kind] * n_cells**_MATRIX_POWER
+    matrix = _MATRIX_BYTES[kind] * math.pow(n_cells, _MATRIX_POWER)
     copies = _RESPONSE_COPIES * response + _TRAJECTORIES * trajectory
     return PROCESS_BYTES + matrix + points + copies
 
