@@ -80,10 +80,8 @@ def told(effect: str, found: dict[str, Any]) -> str:
     (scored,) = (cause for cause in first["causes"] if cause["cause"] == effect)
     visible = scored["smallest_visible"][0]
     line += f"; truth {name} = {truth:g}, smallest that would have been seen {visible:.2g}"
-    refit = scored["refit"]
-    if refit is None:
-        return line
-    return f"{line}; found {refit['values'][name]:.4g} ± {refit['sigma'][name]:.2g}"
+    size = found["extended"]["values"].get(name)
+    return line if size is None else f"{line}; found {size['value']:.4g} ± {size['sigma']:.2g}"
 
 
 def main() -> None:

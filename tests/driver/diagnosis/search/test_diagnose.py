@@ -64,9 +64,10 @@ def test_nothing_is_wrong_where_nothing_was_put_in() -> None:
 def test_every_cause_has_its_score_and_the_smallest_effect_that_would_have_been_seen() -> None:
     (step,) = null().rounds
     scores = {s.cause.name: s for s in step.scores}
-    # This solver knows of no lattice that turns; loads within their noise, no flats.
+    # This solver knows of no lattice that turns; no systems {123}, loads within their noise, no
+    # flats.
     left = {f"lattice_gradient_grain{grain}" for grain in (1, 2)}
-    left |= {"boundary_noise", "fixed_pattern"}
+    left |= {"family_123", "boundary_noise", "fixed_pattern"}
     # Nothing is large, nothing is unexplained: the flips are not tried, and that is said.
     left |= {flip.name for flip in FLIPS}
     assert {one.cause for one in null().not_examined} == left
