@@ -55,7 +55,7 @@ def answer(folder: Path, effect: str) -> dict[str, Any]:
         case = three_grains(
             specimen={"mesh_size_um": 1.34, "fine_mesh_size_um": 0.667},
             material={"strain_measure": "small"},
-            diagnosis={"refit": 3, "held_out_cycle": "none"},
+            diagnosis={"held_out_cycle": "none"},
             execution={"processes": 1},
         )
         write_case(case, folder / CASE_FILE)
