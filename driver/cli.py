@@ -126,7 +126,7 @@ def init(
     ],
     crystal: Annotated[
         Crystal,
-        typer.Option(help="slip systems and constants: a BCC steel, without {123} or with, copper"),
+        typer.Option(help="slip systems and constants: a BCC steel, the same with {123}, copper"),
     ] = "bcc",
     shape: Annotated[
         Shape, typer.Option(help="triangular prism, bar, or a mesh of your own")

@@ -204,11 +204,14 @@ def _processes(at_a_time: int, processes: int, threads: int) -> Iterator[Executo
         with _own_processes(at_a_time, threads) as own:
             yield own
         return
+    token = _kept.set(None)  # a call from inside, as results are taken, starts its own
     try:
         yield kept.started(processes, threads)
     except BaseException:
         kept.fail()
         raise
+    finally:
+        _kept.reset(token)
 
 
 @contextmanager

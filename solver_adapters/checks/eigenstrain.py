@@ -31,7 +31,8 @@ def refuse_yielding_eigenstrain(simulation: Simulation) -> None:
     along = simulation.orientations[:, 1]
     directions, normals = slip_systems(m.slip_systems)
     schmid = abs((along @ directions.T) * (along @ normals.T))
-    families = np.repeat([1.0, m.tau0_112, m.tau0_123], [N_110, N_112, MOST_SYSTEMS])
+    lengths = [N_110, N_112, MOST_SYSTEMS - N_110 - N_112]  # other crystals have ratios of 1
+    families = np.repeat([1.0, m.tau0_112, m.tau0_123], lengths)
     strength = m.tau0 * families[: len(normals)]
     yields = grain_ratios(m, len(along)) / (schmid / strength).max(axis=1)
     # Young's modulus of a cubic crystal along a unit vector in its axes.

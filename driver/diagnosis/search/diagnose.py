@@ -121,7 +121,7 @@ def diagnose(
     )  # fmt: skip
     verdict = answer(numerics=None)
     if passed.words is not None:
-        by_itself = causes and verdict.kind == "unexplained"
+        by_itself = bool(causes) and verdict.kind == "unexplained"
         if by_itself and _leaves_something(current, fitted, final.fresh, settings, stops):
             verdict = with_own_error_counted(verdict)
         else:
@@ -178,7 +178,10 @@ def _leaves_something(
         return at_first_sight(fit_from(here.best, anew, POLISH), anew, settings, stops)
 
     last = attempt(seen)
-    return not isinstance(last, Failure) and not last.goodness_of_fit.accepted
+    if isinstance(last, Failure):
+        logger.info(f"  it cannot be fitted: {last.why}")
+        return False
+    return not last.goodness_of_fit.accepted
 
 
 def to_converge(identified: Fit, baseline: Fit) -> str:

@@ -158,6 +158,19 @@ def test_a_kept_process_that_the_system_ends_is_told_and_others_do_the_next_task
         assert side_by_side(math.sqrt, [4.0, 9.0], 2) == [2.0, 3.0]
 
 
+def test_a_call_as_results_are_taken_leaves_the_kept_processes_to_the_outer_one() -> None:
+    """It asks for another number of processes while tasks of the outer call still wait."""
+    inner: list[float] = []
+
+    def taken(index: int, result: float) -> None:
+        if index == 0:
+            inner.extend(side_by_side(math.sqrt, [16.0, 25.0, 36.0], 3))
+
+    with processes_kept():
+        roots = side_by_side(math.sqrt, [float(k * k) for k in range(8)], 2, done=taken)
+    assert roots == list(range(8)) and inner == [4.0, 5.0, 6.0]
+
+
 def threads_of_blas(task: int) -> list[int]:
     return [found["num_threads"] for found in threadpool_info() if found["user_api"] == "blas"]
 
