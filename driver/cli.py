@@ -125,8 +125,7 @@ def init(
         Path, typer.Argument(metavar="DIR", parser=_path, help="folder of the new case")
     ],
     crystal: Annotated[
-        Crystal,
-        typer.Option(help="slip systems and constants: a BCC steel, the same with {123}, copper"),
+        Crystal, typer.Option(help="crystal: a BCC steel, the same with {123}, or copper")
     ] = "bcc",
     shape: Annotated[
         Shape, typer.Option(help="triangular prism, bar, or a mesh of your own")
