@@ -21,6 +21,7 @@ from driver.common.progress import quiet
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import TOLERANCE, Executor, refit_of, with_prior
+from driver.diagnosis.statistics.screening import whitened_difference
 from driver.forward.model import ForwardModel
 from driver.identification.correction import Correction, correction
 from driver.identification.fit import Fit, fit_from
@@ -69,10 +70,10 @@ def with_candidate_corrections(
 ) -> list[Refit]:
     """Refits, best evidence first, those that lead under the correction at their own end.
 
-    Where one leads alone nothing is simulated: what it gains no correction takes away. The two best
-    are corrected first, others where what that changes may bring them to the front, or where they
-    are next to it. One whose end the finer model cannot simulate stays as it was, and the log says
-    so.
+    Where one leads alone, with whatever a correction may bring the others (`_within_doubt`),
+    nothing is simulated. The two best are corrected first, others where what that changes may bring
+    them to the front, or where they are next to it. One whose end the finer model cannot simulate
+    stays as it was, and the log says so.
 
     Args:
         refits: the refits, best evidence first.
@@ -84,7 +85,9 @@ def with_candidate_corrections(
         return []
     most = refits[0].log_evidence
     threshold = max(most - max(REACH, REACH_OF_LARGE * most), 0.0)
-    leading = [refit for refit in refits if refit.log_evidence > threshold]
+    leading = [
+        refit for refit in refits if refit.log_evidence + _within_doubt(refit, baseline) > threshold
+    ]
     if len(leading) < 2:
         return list(refits)
     logger.info("finer mesh and steps at the end of the refits that lead, the best first")
@@ -120,6 +123,20 @@ def with_candidate_corrections(
             _tell(refit, own[refit.cause.name], failed.get(refit.cause.name))
     others = [refit for refit in refits if refit not in leading]
     return sorted([*own.values(), *others], key=lambda refit: -refit.log_evidence)
+
+
+def _within_doubt(refit: Refit, baseline: Evaluation) -> float:
+    """Return the most that a correction at its own end may bring a refit, as a log evidence.
+
+    The derivatives of the correction at the baseline change it by so much on the way to the end of
+    the refit, beside what the fitted parameters do; on coarse cells what they leave out has about
+    that norm r. It takes no more than 2 r √E from an excess misfit E (Cauchy and Schwarz).
+    """
+    objective, at = refit.objective, refit.fit.best
+    begin, end = (objective.correction.at(where) for where in (baseline.values, at.values))
+    moved = whitened_difference(objective, end, begin)
+    beside = moved - at.jacobian.T @ np.linalg.solve(at.hessian, at.jacobian @ moved)
+    return float(np.sqrt(at.excess) * np.linalg.norm(beside))
 
 
 def _next_uncorrected(refits: Sequence[Refit], taken: Mapping[str, int]) -> list[Refit]:

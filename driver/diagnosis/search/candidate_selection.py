@@ -71,11 +71,20 @@ def refits_of_likely(
         threshold = cost_to_promise(best, baseline)
         more = refit_causes(others, screening, baseline, objective, executor, threshold)
         best = best_of_each([*best, *afar, *more])
+    bent = bool(best) and not large and _bent(best[0], scores)
+    if bent and not every:
+        # Scores tell no more in which order refits come, nor do first steps.
+        known = {refit.cause for refit in best}
+        others = [s for s in tried if s.cause not in known and s.p < NAMING_LEVEL]
+        if others:
+            logger.info(f"the best is another one than its score: refitting {_listed(others)}")
+            more = refit_causes(others, screening, baseline, objective, executor)
+            best = best_of_each([*best, *afar, *more])
     if not best:
         return []
     stalled = {r.cause.name for r in best if is_far_from_its_end(r)}
     # Soft loads were another start than a baseline that is lost.
-    far = every if large else _bent(best[0], scores)
+    far = every if large else bent
     leading = {r.cause.name for r in best[:most]} if far else set()
     again = [s for s in tried if s.cause.name in stalled | leading]
     if again:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 
 from driver.common.outcomes import Failure, attempt
-from driver.diagnosis.answer.result_types import Diagnosis, Round, Settings
+from driver.diagnosis.answer.result_types import Diagnosis, DiscretisationCheck, Round, Settings
 from driver.diagnosis.answer.verdict import (
     BEGIN_AT_END,
     BETTER_STARTS,
@@ -23,16 +23,18 @@ from driver.diagnosis.causes.ebsd_flips import flips_of
 from driver.diagnosis.causes.noise_causes import COVARIANCE, NOISE_NOT_UNIFORM
 from driver.diagnosis.search.baseline import loads_taken_back, prepared
 from driver.diagnosis.search.boundary_noise import (
-    BoundaryNoiseSensitivities,
     sensitivities_where_they_pay,
 )
 from driver.diagnosis.search.discretisation_check import discretisation_check
 from driver.diagnosis.search.extension import Extension
-from driver.diagnosis.search.final_comparison import final_comparison
+from driver.diagnosis.search.final_comparison import Final, final_comparison
 from driver.diagnosis.search.fine_models import FineModels
-from driver.diagnosis.search.forward_selection import forward_selection
+from driver.diagnosis.search.forward_selection import (
+    Selection,
+    forward_selection,
+    with_correction_anew,
+)
 from driver.diagnosis.search.image_noise import with_uneven_noise
-from driver.diagnosis.search.selection_round import at_first_sight
 from driver.diagnosis.statistics.model_comparison import (
     log_evidence,
     share_described,
@@ -40,13 +42,14 @@ from driver.diagnosis.statistics.model_comparison import (
 )
 from driver.diagnosis.statistics.score_test import Score
 from driver.diagnosis.statistics.screening import honoured, parameters_of_the_specimen, screened
-from driver.identification.correction import Correction
-from driver.identification.fit import POLISH, Fit, fit_from
+from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from driver.parameters.covariance import NOISE_RATIO
 from meshes.arrays import IntArray
 
 logger = logging.getLogger(__name__)
+
+_MOST_ANEW = 3  # fits of the last model with the correction at its own end
 
 
 def diagnose(
@@ -88,23 +91,22 @@ def diagnose(
     for unexamined in left:
         logger.info(f"  {unexamined.cause} is not examined: {unexamined.why}")
     selection = forward_selection(begin, finer, stops, settings)
+    final, passed = _compared(selection, cycles, settings)
+    for _ in range(_MOST_ANEW):
+        if passed.passed or not selection.end.causes:
+            break
+        logger.info("its own error is another one there: fitted with the correction taken anew")
+        again = attempt(partial(with_correction_anew, selection, stops, settings))
+        if isinstance(again, Failure):
+            logger.info(f"  it cannot be simulated ({again.why})")
+            break
+        selection = again
+        final, passed = _compared(selection, cycles, settings)
     first, end, rounds = selection.begin, selection.end, list(selection.rounds)
-    fitted, current, last = end.fit, end.objective, end.finer.one
+    fitted, current = end.fit, end.objective
     causes, levels = list(end.causes), dict(end.levels)
     if uneven is not None:
         rounds = [_with_score(round_, uneven.score) for round_ in rounds]
-    logger.info("the correction once more, and the held-out cycle predicted from the others")
-    final = final_comparison(
-        (first.fit, first.objective), (fitted, current), causes, last, cycles, settings
-    )
-    added = [n for cause in causes if cause not in COVARIANCE for n in cause.parameters]
-    passed = discretisation_check(current, fitted, final.fresh, last, rounds[-1].scores, added)
-    lost = rounds[-1].lost
-    if lost is not None and not causes:
-        passed = lost
-    logger.info(
-        f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.along.name}"
-    )
     explained = share_explained(final.uncounted, fitted.best) if causes else float("nan")
     of_causes = {cause.name for cause in causes}
     # What was dropped and added again counts once.
@@ -121,8 +123,9 @@ def diagnose(
     )  # fmt: skip
     verdict = answer(numerics=None)
     if passed.words is not None:
-        by_itself = bool(causes) and verdict.kind == "unexplained"
-        if by_itself and _leaves_something(current, fitted, final.fresh, settings, stops):
+        # Where causes were added the last tests are those with the correction taken anew.
+        left_over = bool(causes) and not rounds[-1].goodness_of_fit.accepted
+        if left_over and verdict.kind == "unexplained":
             verdict = with_own_error_counted(verdict)
         else:
             verdict = answer(numerics=passed.words)
@@ -159,29 +162,23 @@ def diagnose(
     )
 
 
-def _leaves_something(
-    objective: Objective,
-    here: Fit,
-    fresh: Correction,
-    settings: Settings,
-    stops: BoundaryNoiseSensitivities,
-) -> bool:
-    """Whether a fit leaves what is no noise with the correction taken there as well.
-
-    A model that is far from the truth ends where its correction is another one, and that is no
-    reason to ask for a finer mesh of it.
-    """
-    logger.info("what is left with the correction taken once more")
-    anew = replace(objective, correction=fresh)
-
-    def seen() -> Round:
-        return at_first_sight(fit_from(here.best, anew, POLISH), anew, settings, stops)
-
-    last = attempt(seen)
-    if isinstance(last, Failure):
-        logger.info(f"  it cannot be fitted: {last.why}")
-        return False
-    return not last.goodness_of_fit.accepted
+def _compared(
+    selection: Selection, cycles: IntArray, settings: Settings
+) -> tuple[Final, DiscretisationCheck]:
+    """Return what is found at the end of the rounds, and the test of the simulation's own error."""
+    logger.info("the correction once more, and the held-out cycle predicted from the others")
+    first, end, last = selection.begin, selection.end, selection.rounds[-1]
+    finest = end.finer.one
+    before, after = (first.fit, first.objective), (end.fit, end.objective)
+    final = final_comparison(before, after, end.causes, finest, cycles, settings)
+    added = [n for cause in end.causes if cause not in COVARIANCE for n in cause.parameters]
+    passed = discretisation_check(end.objective, end.fit, final.fresh, finest, last.scores, added)
+    if last.lost is not None and not end.causes:
+        passed = last.lost
+    logger.info(
+        f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.along.name}"
+    )
+    return final, passed
 
 
 def to_converge(identified: Fit, baseline: Fit) -> str:

@@ -85,11 +85,34 @@ def extended(before: Extension, winner: Refit, settings: Settings) -> Extension:
     elif winner.levels:
         of_noise = winner.log_evidence
     surpassed = (*before.surpassed, frozenset(before.causes))
-    fitted, objective, causes = eliminate(fitted, objective, causes, before.fitted, surpassed)
-    return replace(
+    after = replace(
         before, fit=fitted, objective=objective, finer=finer, causes=tuple(causes), levels=levels,
         of_noise=of_noise, surpassed=surpassed,
     )  # fmt: skip
+    return _pruned(after)
+
+
+def corrected_anew(here: Extension, settings: Settings) -> Extension:
+    """Return the model fitted once more with the correction at its own end.
+
+    Args:
+        here: the model.
+        settings: how the diagnosis is run.
+
+    Raises:
+        SolverError: the finer simulation could not be finished.
+    """
+    objective = _corrected(here.objective, here.fit, here.finer, settings)
+    fitted, objective, levels = _fitted(here.fit, objective, here.levels)
+    return _pruned(replace(here, fit=fitted, objective=objective, levels=levels))
+
+
+def _pruned(here: Extension) -> Extension:
+    """Return the model without the causes that are not needed any more."""
+    fitted, objective, causes = eliminate(
+        here.fit, here.objective, here.causes, here.fitted, here.surpassed
+    )
+    return replace(here, fit=fitted, objective=objective, causes=tuple(causes))
 
 
 def _moved(begin: Fit, end: Fit, objective: Objective) -> float:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from driver.common.outcomes import Failure, attempt
@@ -12,7 +13,7 @@ from driver.diagnosis.answer.verdict import MOST_ADDITIONS
 from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.diagnosis.search.baseline import Prepared
 from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
-from driver.diagnosis.search.extension import Extension, extended
+from driver.diagnosis.search.extension import Extension, corrected_anew, extended
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.selection_round import (
     WITHIN,
@@ -23,6 +24,7 @@ from driver.diagnosis.search.selection_round import (
     set_of,
 )
 from driver.diagnosis.statistics.score_test import WORTH
+from driver.identification.objective import Evaluation
 
 logger = logging.getLogger(__name__)
 
@@ -31,19 +33,27 @@ MOST_ROUNDS = 6  # rounds, where elimination keeps taking back what was added
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """Where the rounds ended.
+    """How far the rounds have come.
 
     Attributes:
         begin: the model of the first round, to which nothing was added.
         end: the model at last.
+        before: the model before the last addition.
         rounds: the rounds.
-        doubts: what should have been added and could not be, in words.
+        failed: why a cause that should have been added could not be, in words, by its name.
     """
 
     begin: Extension
     end: Extension
-    rounds: tuple[Round, ...]
-    doubts: tuple[str, ...] = ()
+    before: Extension
+    rounds: tuple[Round, ...] = ()
+    failed: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What should have been added and never was, in words."""
+        added = {cause.name for cause in self.end.causes}
+        return tuple(why for name, why in self.failed.items() if name not in added)
 
 
 def forward_selection(
@@ -64,50 +74,73 @@ def forward_selection(
         SolverError: the simulation could not be finished.
     """
     fitted = begin.baseline.best.free
-    extension = Extension(begin.baseline, begin.objective, finer, (), {}, 0.0, fitted, ())
-    before, known = extension, begin.augmented
-    first: Extension | None = None
-    rounds: list[Round] = []
-    doubts: dict[str, str] = {}
+    model = Extension(begin.baseline, begin.objective, finer, (), {}, 0.0, fitted, ())
+    return _continued(Selection(model, model, model), begin.augmented, stops, settings)
 
-    def ended(end: Extension, *rounds_: Round) -> Selection:
-        added = {cause.name for cause in end.causes}
-        sentences = tuple(why for name, why in doubts.items() if name not in added)
-        return Selection(first or end, end, rounds_, sentences)
 
+def with_correction_anew(
+    found: Selection, stops: BoundaryNoiseSensitivities, settings: Settings
+) -> Selection:
+    """Return what is found where the last model is fitted with the correction at its own end.
+
+    Its last round is examined again, and others follow where a cause stands out.
+
+    Args:
+        found: where the rounds ended.
+        stops: the answers to a noise of the boundary, if they were computed.
+        settings: how the diagnosis is run.
+
+    Raises:
+        SolverError: the simulation could not be finished.
+    """
+    again = replace(found, end=corrected_anew(found.end, settings), rounds=found.rounds[:-1])
+    return _continued(again, None, stops, settings)
+
+
+def _continued(
+    found: Selection,
+    known: Evaluation | None,
+    stops: BoundaryNoiseSensitivities,
+    settings: Settings,
+) -> Selection:
+    """Go on with rounds from the last model.
+
+    Args:
+        found: what was found so far.
+        known: evaluation at the last model with the parameters of every cause free, if known.
+        stops: the answers to a noise of the boundary, if they were computed.
+        settings: how the diagnosis is run.
+    """
     while True:
-        at = extension.fit.best
+        here = found.end
+        at = here.fit.best
         logger.info(f"screening at χ_F {at.chi_load:.2f}, χ of images {at.chi_image:.3f}")
         examined = examine(
-            extension.fit,
-            extension.objective,
-            extension.causes,
-            settings,
-            stops,
-            known,
-            extension.finer,
+            here.fit, here.objective, here.causes, settings, stops, known, here.finer
         )
         known, round_, winner = None, examined.round_, examined.winner
-        extension = replace(extension, fit=examined.fit, objective=examined.objective)
-        first = first or extension
-        if rounds and _leaves_something(examined, extension):
-            better = _by_a_rival(before, rounds[-1], stops, settings)
+        here = replace(here, fit=examined.fit, objective=examined.objective)
+        rounds = found.rounds
+        if rounds and _leaves_something(examined, here):
+            better = _by_a_rival(found.before, rounds[-1], stops, settings)
             if better is not None:
                 end, exchanged, last = better
-                return ended(end, *rounds[:-1], exchanged, last)
-        rounds.append(round_)
+                return replace(found, end=end, rounds=(*rounds[:-1], exchanged, last))
+        first = found.begin if rounds else here
+        found = replace(found, begin=first, end=here, rounds=(*rounds, round_))
         if winner is None:
-            return ended(extension, *rounds)
-        if len(rounds) == MOST_ROUNDS:
+            return found
+        if len(found.rounds) == MOST_ROUNDS:
             name = winner.cause.name
-            doubts[name] = f"{winner.cause.title} is not added, for the rounds come to no end"
-            logger.info(doubts[name])
-            return ended(extension, *rounds[:-1], replace(round_, named=()))
-        after, rounds[-1], failed = _with_the_best(extension, round_, settings)
-        doubts |= failed
+            why = f"{winner.cause.title} is not added, for the rounds come to no end"
+            logger.info(why)
+            unnamed = (*rounds, replace(round_, named=()))
+            return replace(found, rounds=unnamed, failed={**found.failed, name: why})
+        after, round_, failed = _with_the_best(here, round_, settings)
+        found = replace(found, rounds=(*rounds, round_), failed={**found.failed, **failed})
         if after is None:
-            return ended(extension, *rounds)
-        before, extension = extension, after
+            return found
+        found = replace(found, end=after, before=here)
 
 
 def _with_the_best(

@@ -7,18 +7,26 @@ import numpy as np
 import pytest
 
 from driver.diagnosis.answer.detection_limits import not_seen
-from driver.diagnosis.answer.result_types import Diagnosis, DiscretisationCheck, Settings
+from driver.diagnosis.answer.result_types import (
+    GATE,
+    Diagnosis,
+    DiscretisationCheck,
+    Settings,
+)
 from driver.diagnosis.answer.verdict import BEGIN_AT_END, BETTER_STARTS, MORE_ITERATIONS
 from driver.diagnosis.causes.all_causes import EVERY
 from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.causes.ebsd_flips import ACROSS, FLIPS, HALF_TURNS
 from driver.diagnosis.search import diagnose
 from driver.diagnosis.search.diagnose import to_converge
+from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.flip_trial import turned
+from driver.diagnosis.search.forward_selection import Selection
 from driver.identification.fit import fit
 from meshes.arrays import FloatArray
+from solver_adapters.interface import Simulation
 from tools import closed_form, closed_form_diagnosis
-from tools.closed_form_diagnosis import diagnosis_of, identified
+from tools.closed_form_diagnosis import diagnosis_of, finer, identified
 
 BENCH = closed_form.problem()
 SETTINGS = replace(closed_form_diagnosis.SETTINGS, refit=5, held_out=2)
@@ -304,10 +312,43 @@ def test_what_no_finer_simulation_takes_away_is_unexplained_whatever_that_change
     # Of what explains all the size is in doubt.
     named = diagnosed({"tilt_drift": 2e-3}, settings=two)
     assert named.verdict.kind == "numerics" and "7.6 σ" in named.verdict.text
-    # With its own error counted nothing is left.
-    without = replace(found.rounds[0], goodness_of_fit=named.rounds[-1].goodness_of_fit)
-    monkeypatch.setattr(diagnose, "at_first_sight", lambda *arguments: without)
+    # With the correction taken anew nothing is left.
+    accepted = named.rounds[-1].goodness_of_fit
+
+    def without(found: Selection, *arguments: object) -> Selection:
+        *others, last = found.rounds
+        return replace(found, rounds=(*others, replace(last, goodness_of_fit=accepted)))
+
+    monkeypatch.setattr(diagnose, "with_correction_anew", without)
     assert diagnosed({"tilt_drift": 1.2e-2}, settings=two).verdict.kind == "numerics"
+
+
+class ErringWithContrast(closed_form.ClosedFormSolver):
+    """A working mesh that errs by the third power of what the grains differ by."""
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        motion, load = super().answer(simulation)
+        x = simulation.mesh.points[simulation.output_nodes, 0]
+        most = 0.005 * np.log(simulation.material.tau0_grain2) ** 3
+        motion[..., 2] += np.linspace(0.0, most, len(motion))[:, None] * x**2
+        return motion, load
+
+
+def test_an_own_error_that_the_correction_taken_anew_holds_refuses_no_verdict(
+    lines: list[str],
+) -> None:
+    working = replace(BENCH.model, adapter=ErringWithContrast())
+    made = closed_form.objective(BENCH, BENCH.truth | {"tau0_grain2": 3.0})
+    objective, fitted = identified(replace(BENCH, model=working), replace(made, model=working))
+    found = diagnose.diagnose(
+        fitted, objective, FineModels(finer(BENCH)), BENCH.history.cycle,
+        replace(NONE_HELD_OUT, wanted=("grain_contrast",)),
+    )  # fmt: skip
+    own = [float(line.split()[6]) for line in lines if "change of the simulation's own" in line]
+    assert len(own) == 2 and own[0] > GATE > own[1]
+    assert found.verdict.kind == "named" and found.numerics.passed and len(found.rounds) == 2
+    value = found.extended.values["tau0_grain2"]
+    assert abs(value - 3.0) < 2 * sigma(found, "tau0_grain2")
 
 
 def test_a_drift_that_is_fitted_is_no_knot_of_the_held_out_cycle() -> None:
