@@ -130,13 +130,15 @@ def _within_doubt(refit: Refit, baseline: Evaluation) -> float:
 
     The derivatives of the correction at the baseline change it by so much on the way to the end of
     the refit, beside what the fitted parameters do; on coarse cells what they leave out has about
-    that norm r. It takes no more than 2 r √E from an excess misfit E (Cauchy and Schwarz).
+    that norm r. It takes no more than 2 r √E from an excess misfit E (Cauchy and Schwarz), which
+    is known to the scatter of noise.
     """
     objective, at = refit.objective, refit.fit.best
     begin, end = (objective.correction.at(where) for where in (baseline.values, at.values))
     moved = whitened_difference(objective, end, begin)
     beside = moved - at.jacobian.T @ np.linalg.solve(at.hessian, at.jacobian @ moved)
-    return float(np.sqrt(at.excess) * np.linalg.norm(beside))
+    excess = at.excess + np.sqrt(2.0 * at.residual.size)
+    return float(np.sqrt(excess) * np.linalg.norm(beside))
 
 
 def _next_uncorrected(refits: Sequence[Refit], taken: Mapping[str, int]) -> list[Refit]:

@@ -18,6 +18,7 @@ from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor, refit_causes
 from driver.diagnosis.statistics.score_test import score
 from driver.diagnosis.statistics.screening import screened
+from driver.identification.correction import Derivatives
 from driver.identification.fit import Fit
 from meshes.arrays import FloatArray
 from solver_adapters.interface import NotRunError, Simulation, SolverError
@@ -134,6 +135,29 @@ def test_one_that_leads_alone_is_not_simulated(
     executor = Executor(1, 1)
     assert with_candidate_corrections([first, far], baseline.best, never, executor) == [first, far]
     assert with_candidate_corrections([], baseline.best, never, executor) == [] and not lines
+
+
+def with_derivatives(refit: Refit, baseline: Fit) -> Refit:
+    """The refit of the true cause under the correction as its derivatives take it to the end."""
+    objective, values, name = refit.objective, baseline.values, "tau0_grain2"
+    working = objective.model.predict(values, (name,))
+    finest = finer(BENCH).predict(values, (name,))
+    known = Derivatives(values, (objective.parameters[name],), working, finest)
+    correction = replace(objective.correction, derivatives=known)
+    return replace(refit, objective=replace(objective, correction=correction))
+
+
+@pytest.mark.parametrize(("behind", "corrected"), [(24.0, True), (32.0, False)])
+def test_one_behind_is_corrected_where_its_correction_has_moved_by_as_much_on_its_way(
+    behind: float, corrected: bool, lines: list[str]
+) -> None:
+    """By 6.5 σ, and by 2.5 beside what is fitted: that may bring 18 beside the 10 of any other."""
+    baseline, (rival, true) = refitted()
+    far = replace(with_derivatives(true, baseline), log_evidence=rival.log_evidence - behind)
+    executor, finest = Executor(1, 1), FineModels(finer(BENCH))
+    lines.clear()
+    after = with_candidate_corrections([rival, far], baseline.best, finest, executor)
+    assert (names_of(after) == [TRUE, RIVAL]) == corrected == bool(lines)
 
 
 @pytest.mark.parametrize(("behind", "corrected"), [(28.0, True), (32.0, False)])

@@ -6,6 +6,7 @@ from typing import cast
 from unittest.mock import patch
 
 import numpy as np
+import pytest
 
 from driver.diagnosis.search import candidate_selection
 from driver.diagnosis.search.candidate_selection import (
@@ -15,8 +16,12 @@ from driver.diagnosis.search.candidate_selection import (
     to_refit,
 )
 from driver.diagnosis.search.refit import Executor
-from driver.diagnosis.statistics.score_test import Score
-from tools.closed_form_diagnosis import large_effect
+from driver.diagnosis.statistics.score_test import Score, effects_of, score
+from driver.diagnosis.statistics.screening import screened
+from tools import closed_form
+from tools.closed_form_diagnosis import identified, large_effect
+
+BENCH = closed_form.problem()
 
 
 def scored(p: float, evidence: float, angle: float = 0.0) -> Score:
@@ -83,3 +88,25 @@ def test_a_refit_that_ran_out_of_iterations_beside_its_optimum_needs_no_other_st
     stalled = replace(done, fit=replace(done.fit, best=begin, converged=False))
     assert is_far_from_its_end(stalled)
     assert not is_far_from_its_end(replace(stalled, fit=replace(stalled.fit, converged=True)))
+
+
+@pytest.mark.parametrize("bent", [True, False])
+def test_where_the_best_refit_is_another_one_than_its_score_all_that_are_seen_are_refitted(
+    bent: bool,
+) -> None:
+    wanted = ("tilt_drift", "magnification_drift", "end_rotation")
+    made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": 4e-4})
+    objective, baseline = identified(BENCH, made)
+    causes, names = screened(objective.model, baseline.best.free, wanted)
+    augmented = objective.evaluate(baseline.values, names)
+    effects = effects_of(causes, augmented, objective.parameters)
+    scores = [score(c, e, baseline.best, len(causes)) for c, e in zip(causes, effects, strict=True)]
+    best, *others = sorted(scores, key=lambda one: -one.log_evidence)
+    # Others are seen, and far behind; one is not seen.
+    behind = [
+        replace(one, log_evidence=1.0, p=p) for one, p in zip(others, (1e-4, 0.1), strict=True)
+    ]
+    with patch.object(candidate_selection, "_bent", lambda *arguments: bent):
+        found = refits_of_likely([best, *behind], (), augmented, baseline.best, objective, 1, CREW)
+    expected = {best.cause.name, behind[0].cause.name} if bent else {best.cause.name}
+    assert {refit.cause.name for refit in found} == expected
