@@ -37,6 +37,9 @@ _MOST = 3  # iterations
 _AT_FIRST = 2  # refits that are corrected before any is judged
 _CORRECTIONS = 5  # of one refit
 _SETTLED = 1.0  # change of the log evidence by the last of them
+_TO_COME = 2.0
+"""Gains still to come over the last one: those of a turn of 5° on coarse cells, 39, 45, 22, 11 and
+3 one after the other, were 2.1, 0.8 and 0.6 times as large."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,12 +111,12 @@ def with_candidate_corrections(
                 failed[name] = end
             else:
                 own[name] = _at_its_end(refit, end, baseline)
-                changed[name] = abs(own[name].log_evidence - refit.log_evidence)
+                changed[name] = own[name].log_evidence - refit.log_evidence
         contending = _contending(list(own.values()), changed)
         unsettled = [
             refit
             for refit in contending
-            if changed.get(refit.cause.name, np.inf) >= _SETTLED
+            if abs(changed.get(refit.cause.name, np.inf)) >= _SETTLED
             and taken[refit.cause.name] < _CORRECTIONS
         ]
         again = unsettled if len(contending) > 1 else []
@@ -156,23 +159,28 @@ def _next_uncorrected(refits: Sequence[Refit], taken: Mapping[str, int]) -> list
 def _contending(refits: Sequence[Refit], changed: Mapping[str, float]) -> list[Refit]:
     """Return the best refit and those that a correction may still bring before it.
 
-    The next correction of a refit changes less than its last one; the first one of a refit no more
-    than the largest of those that were taken.
+    What a refit gains by all that are still to come is up to `_TO_COME` times the last gain, and by
+    the next one no more than the last one took away; the first one of a refit changes no more than
+    the largest of those that were taken.
 
     Args:
         refits: as far as they are corrected.
         changed: by which the last correction changed the log evidence, by the name of the cause.
     """
-    largest = max(changed.values())
+    largest = max(map(abs, changed.values()))
     best = max(refits, key=lambda refit: refit.log_evidence)
 
-    def change(refit: Refit) -> float:
-        return changed.get(refit.cause.name, largest)
+    def gain(refit: Refit) -> float:
+        last = changed.get(refit.cause.name)
+        return largest if last is None else max(_TO_COME * last, -last)
+
+    def loss(refit: Refit) -> float:
+        return abs(changed.get(refit.cause.name, largest))
 
     return [
         refit
         for refit in refits
-        if best.log_evidence - refit.log_evidence < REACH + change(refit) + change(best)
+        if best.log_evidence - refit.log_evidence < REACH + gain(refit) + loss(best)
     ]
 
 

@@ -220,6 +220,31 @@ def test_one_that_has_fallen_far_behind_is_not_corrected_on(
     assert [r.log_evidence for r in after] == [103.0, 87.0] and len(taken) == 2
 
 
+@pytest.mark.parametrize(("gained", "again"), [(21.0, False), (24.0, True)])
+def test_one_that_gains_is_corrected_on_where_twice_as_much_may_make_it_lead(
+    gained: float, again: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A turn of 5° gained 33 and was 65 behind, led by 17 in the end; here 78 less that."""
+    baseline, (first, second) = refitted()
+    ends = {first.cause.name: [100.0], second.cause.name: [22.0 + gained, 105.0, 105.5]}
+    taken: list[str] = []
+
+    def corrected(task: Any) -> Refit:
+        refit: Refit = task.refit
+        taken.append(refit.cause.name)
+        return replace(refit, log_evidence=ends[refit.cause.name].pop(0))
+
+    monkeypatch.setattr(candidate_correction, "_corrected", corrected)
+    monkeypatch.setattr(candidate_correction, "_at_its_end", lambda refit, end, at: end)
+    monkeypatch.setattr(candidate_correction, "_within_doubt", lambda refit, at: 100.0)
+    begin = [replace(first, log_evidence=100.0), replace(second, log_evidence=22.0)]
+    after = with_candidate_corrections(
+        begin, baseline.best, FineModels(finer(BENCH)), Executor(1, 1)
+    )
+    assert taken.count(second.cause.name) == (3 if again else 1)
+    assert after[0].cause.name == (second if again else first).cause.name
+
+
 @pytest.mark.parametrize(("behind", "is_taken"), [(16.0, False), (14.0, True)])
 def test_a_third_refit_is_corrected_where_as_much_as_the_first_two_changed_may_make_it_lead(
     behind: float, is_taken: bool, monkeypatch: pytest.MonkeyPatch
