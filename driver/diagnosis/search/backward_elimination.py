@@ -25,7 +25,7 @@ def eliminate(
     objective: Objective,
     causes: Sequence[Cause],
     fitted: Collection[str],
-    surpassed: Collection[frozenset[Cause]],
+    surpassed: Collection[frozenset[Cause]] | None,
 ) -> tuple[Fit, Objective, list[Cause]]:
     """Drop causes that are not needed, the least needed first, each time fitting anew.
 
@@ -38,7 +38,8 @@ def eliminate(
         objective: its objective.
         causes: the causes that were added, in the order of their addition.
         fitted: what is fitted without any of them.
-        surpassed: the causes of each model to which another cause was added on the way here.
+        surpassed: the causes of each model to which another cause was added on the way here; None
+            where what led here counts no more, and the last cause is tested as well.
 
     Returns:
         The fit, its objective and the causes that are left.
@@ -46,8 +47,8 @@ def eliminate(
     left = list(causes)
     while tested := [
         cause
-        for cause in left[:-1]
-        if cause not in COVARIANCE and frozenset(left) - {cause} not in surpassed
+        for cause in (left if surpassed is None else left[:-1])
+        if cause not in COVARIANCE and frozenset(left) - {cause} not in (surpassed or ())
     ]:
         p = [probability(here, objective, cause) for cause in tested]
         least = int(np.argmax(p))

@@ -73,8 +73,8 @@ def with_candidate_corrections(
 ) -> list[Refit]:
     """Refits, best evidence first, those that lead under the correction at their own end.
 
-    Where one leads alone, with whatever a correction may bring the others (`_within_doubt`),
-    nothing is simulated. The two best are corrected first, others where what that changes may bring
+    Where one leads alone, with whatever a correction may bring the others (`_may_gain`), nothing is
+    simulated. The two best are corrected first, others where what that changes may bring
     them to the front, or where they are next to it. One whose end the finer model cannot simulate
     stays as it was, and the log says so.
 
@@ -89,7 +89,7 @@ def with_candidate_corrections(
     most = refits[0].log_evidence
     threshold = max(most - max(REACH, REACH_OF_LARGE * most), 0.0)
     leading = [
-        refit for refit in refits if refit.log_evidence + _within_doubt(refit, baseline) > threshold
+        refit for refit in refits if refit.log_evidence + _may_gain(refit, baseline) > threshold
     ]
     if len(leading) < 2:
         return list(refits)
@@ -128,13 +128,13 @@ def with_candidate_corrections(
     return sorted([*own.values(), *others], key=lambda refit: -refit.log_evidence)
 
 
-def _within_doubt(refit: Refit, baseline: Evaluation) -> float:
-    """Return the most that a correction at its own end may bring a refit, as a log evidence.
+def _may_gain(refit: Refit, baseline: Evaluation) -> float:
+    """Return what a correction at its own end may bring a refit, as a log evidence.
 
-    The derivatives of the correction at the baseline change it by so much on the way to the end of
-    the refit, beside what the fitted parameters do; on coarse cells what they leave out has about
-    that norm r. It takes no more than 2 r √E from an excess misfit E (Cauchy and Schwarz), which
-    is known to the scatter of noise.
+    The derivatives of the correction at the baseline change it on the way to the end of the refit
+    by r, beside what the fitted parameters do; on coarse cells what they leave out was as large.
+    It takes up to 2 r √E from an excess misfit E (Cauchy and Schwarz), which is known to the
+    scatter of noise, and a log evidence holds half of that. 0 for a correction without derivatives.
     """
     objective, at = refit.objective, refit.fit.best
     begin, end = (objective.correction.at(where) for where in (baseline.values, at.values))

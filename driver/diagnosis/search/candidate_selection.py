@@ -72,8 +72,8 @@ def refits_of_likely(
         more = refit_causes(others, screening, baseline, objective, executor, threshold)
         best = best_of_each([*best, *afar, *more])
     bent = bool(best) and not large and _bent(best[0], scores)
-    if bent and not every:
-        # Scores tell no more in which order refits come, nor do first steps.
+    if bent:
+        # Scores tell no more in which order refits come, nor do first steps what they gain.
         known = {refit.cause for refit in best}
         others = [s for s in tried if s.cause not in known and s.p < NAMING_LEVEL]
         if others:

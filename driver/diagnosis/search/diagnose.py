@@ -92,15 +92,16 @@ def diagnose(
         logger.info(f"  {unexamined.cause} is not examined: {unexamined.why}")
     selection = forward_selection(begin, finer, stops, settings)
     final, passed = _compared(selection, cycles, settings)
+    anew: Selection | Failure | None = None
     for _ in range(_MOST_ANEW):
         if passed.passed or not selection.end.causes:
             break
         logger.info("its own error is another one there: fitted with the correction taken anew")
-        again = attempt(partial(with_correction_anew, selection, stops, settings))
-        if isinstance(again, Failure):
-            logger.info(f"  it cannot be simulated ({again.why})")
+        anew = attempt(partial(with_correction_anew, selection, stops, settings))
+        if isinstance(anew, Failure):
+            logger.info(f"  it cannot be simulated ({anew.why})")
             break
-        selection = again
+        selection = anew
         final, passed = _compared(selection, cycles, settings)
     first, end, rounds = selection.begin, selection.end, list(selection.rounds)
     fitted, current = end.fit, end.objective
@@ -123,8 +124,7 @@ def diagnose(
     )  # fmt: skip
     verdict = answer(numerics=None)
     if passed.words is not None:
-        # Where causes were added the last tests are those with the correction taken anew.
-        left_over = bool(causes) and not rounds[-1].goodness_of_fit.accepted
+        left_over = isinstance(anew, Selection) and not rounds[-1].goodness_of_fit.accepted
         if left_over and verdict.kind == "unexplained":
             verdict = with_own_error_counted(verdict)
         else:

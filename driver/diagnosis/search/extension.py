@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,7 +67,6 @@ def extended(before: Extension, winner: Refit, settings: Settings) -> Extension:
     Raises:
         SolverError: the simulation could not be finished.
     """
-    causes, of_noise = [*before.causes, winner.cause], before.of_noise
     finer = before.finer.turned((winner.cause,))
     fitted, objective = winner.fit, winner.objective
     levels: Mapping[str, Level] = {**before.levels, **winner.levels}
@@ -79,21 +78,19 @@ def extended(before: Extension, winner: Refit, settings: Settings) -> Extension:
         fitted, objective, levels = _fitted(begin, objective, levels)
         if _moved(begin, fitted, objective) < _FAR:
             break
-    if BOUNDARY_NOISE in causes and not levels:
-        causes.remove(BOUNDARY_NOISE)
-        of_noise = 0.0
-    elif winner.levels:
-        of_noise = winner.log_evidence
     surpassed = (*before.surpassed, frozenset(before.causes))
+    noise = winner.log_evidence if winner.levels else before.of_noise
     after = replace(
-        before, fit=fitted, objective=objective, finer=finer, causes=tuple(causes), levels=levels,
-        of_noise=of_noise, surpassed=surpassed,
+        before, fit=fitted, objective=objective, finer=finer, levels=levels, of_noise=noise,
+        causes=(*before.causes, winner.cause), surpassed=surpassed,
     )  # fmt: skip
-    return _pruned(after)
+    return _pruned(after, surpassed)
 
 
 def corrected_anew(here: Extension, settings: Settings) -> Extension:
     """Return the model fitted once more with the correction at its own end.
+
+    What was found with another correction counts no more: each cause is tested anew.
 
     Args:
         here: the model.
@@ -104,13 +101,16 @@ def corrected_anew(here: Extension, settings: Settings) -> Extension:
     """
     objective = _corrected(here.objective, here.fit, here.finer, settings)
     fitted, objective, levels = _fitted(here.fit, objective, here.levels)
-    return _pruned(replace(here, fit=fitted, objective=objective, levels=levels))
+    return _pruned(replace(here, fit=fitted, objective=objective, levels=levels), None)
 
 
-def _pruned(here: Extension) -> Extension:
-    """Return the model without the causes that are not needed any more."""
+def _pruned(here: Extension, surpassed: Collection[frozenset[Cause]] | None) -> Extension:
+    """Return the model without the causes that are not needed any more (`eliminate`)."""
+    if BOUNDARY_NOISE in here.causes and not here.levels:
+        left = tuple(cause for cause in here.causes if cause != BOUNDARY_NOISE)
+        here = replace(here, causes=left, of_noise=0.0)
     fitted, objective, causes = eliminate(
-        here.fit, here.objective, here.causes, here.fitted, here.surpassed
+        here.fit, here.objective, here.causes, here.fitted, surpassed
     )
     return replace(here, fit=fitted, objective=objective, causes=tuple(causes))
 

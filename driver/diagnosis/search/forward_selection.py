@@ -83,7 +83,8 @@ def with_correction_anew(
 ) -> Selection:
     """Return what is found where the last model is fitted with the correction at its own end.
 
-    Its last round is examined again, and others follow where a cause stands out.
+    Its last round is examined again, and others follow where a cause stands out. What could not be
+    added is tried again.
 
     Args:
         found: where the rounds ended.
@@ -93,8 +94,11 @@ def with_correction_anew(
     Raises:
         SolverError: the simulation could not be finished.
     """
-    again = replace(found, end=corrected_anew(found.end, settings), rounds=found.rounds[:-1])
-    return _continued(again, None, stops, settings)
+    *rounds, last = found.rounds
+    end = corrected_anew(found.end, settings)
+    again = replace(found, end=end, rounds=tuple(rounds), failed={})
+    # Where the tests have rejected before, the rivals of the last addition were tried.
+    return _continued(again, None, stops, settings, not last.goodness_of_fit.accepted)
 
 
 def _continued(
@@ -102,6 +106,7 @@ def _continued(
     known: Evaluation | None,
     stops: BoundaryNoiseSensitivities,
     settings: Settings,
+    rivals_tried: bool = False,
 ) -> Selection:
     """Go on with rounds from the last model.
 
@@ -110,6 +115,7 @@ def _continued(
         known: evaluation at the last model with the parameters of every cause free, if known.
         stops: the answers to a noise of the boundary, if they were computed.
         settings: how the diagnosis is run.
+        rivals_tried: whether the rivals of the last addition were tried in its place.
     """
     while True:
         here = found.end
@@ -121,7 +127,7 @@ def _continued(
         known, round_, winner = None, examined.round_, examined.winner
         here = replace(here, fit=examined.fit, objective=examined.objective)
         rounds = found.rounds
-        if rounds and _leaves_something(examined, here):
+        if rounds and not rivals_tried and _leaves_something(examined, here):
             better = _by_a_rival(found.before, rounds[-1], stops, settings)
             if better is not None:
                 end, exchanged, last = better
@@ -140,7 +146,7 @@ def _continued(
         found = replace(found, rounds=(*rounds, round_), failed={**found.failed, **failed})
         if after is None:
             return found
-        found = replace(found, end=after, before=here)
+        found, rivals_tried = replace(found, end=after, before=here), False
 
 
 def _with_the_best(
@@ -203,7 +209,7 @@ def _by_a_rival(
     """
     rivals = [r for r in last.refits if r.cause.name in last.named[1:] and r.log_evidence > WORTH]
     exchanged: list[tuple[Refit, Extension, Round]] = []
-    left_something = [last.named[0]]
+    left_something = [*last.left_something, last.named[0]]
     for rival in rivals:
         logger.info(f"{last.named[0]} leaves something: {rival.cause.name} is tried in its place")
         end = attempt(partial(_exchanged, before, rival, stops, settings))

@@ -236,7 +236,7 @@ def test_one_that_gains_is_corrected_on_where_twice_as_much_may_make_it_lead(
 
     monkeypatch.setattr(candidate_correction, "_corrected", corrected)
     monkeypatch.setattr(candidate_correction, "_at_its_end", lambda refit, end, at: end)
-    monkeypatch.setattr(candidate_correction, "_within_doubt", lambda refit, at: 100.0)
+    monkeypatch.setattr(candidate_correction, "_may_gain", lambda refit, at: 100.0)
     begin = [replace(first, log_evidence=100.0), replace(second, log_evidence=22.0)]
     after = with_candidate_corrections(
         begin, baseline.best, FineModels(finer(BENCH)), Executor(1, 1)

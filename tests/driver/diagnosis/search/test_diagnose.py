@@ -24,7 +24,7 @@ from driver.diagnosis.search.flip_trial import turned
 from driver.diagnosis.search.forward_selection import Selection
 from driver.identification.fit import fit
 from meshes.arrays import FloatArray
-from solver_adapters.interface import Simulation
+from solver_adapters.interface import Simulation, SolverError
 from tools import closed_form, closed_form_diagnosis
 from tools.closed_form_diagnosis import diagnosis_of, finer, identified
 
@@ -320,6 +320,13 @@ def test_what_no_finer_simulation_takes_away_is_unexplained_whatever_that_change
         return replace(found, rounds=(*others, replace(last, goodness_of_fit=accepted)))
 
     monkeypatch.setattr(diagnose, "with_correction_anew", without)
+    assert diagnosed({"tilt_drift": 1.2e-2}, settings=two).verdict.kind == "numerics"
+
+    def never(*arguments: object) -> Selection:
+        raise SolverError("no step is short enough")
+
+    # Where that cannot be simulated nothing is known of it.
+    monkeypatch.setattr(diagnose, "with_correction_anew", never)
     assert diagnosed({"tilt_drift": 1.2e-2}, settings=two).verdict.kind == "numerics"
 
 

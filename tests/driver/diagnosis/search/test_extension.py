@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from driver.diagnosis.answer.result_types import Refit
-from driver.diagnosis.search.extension import Extension, extended
+from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
+from driver.diagnosis.search.extension import Extension, corrected_anew, extended
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor, refit_causes
 from driver.diagnosis.statistics.score_test import score
@@ -101,3 +102,23 @@ def test_a_model_far_from_where_its_correction_was_taken_is_corrected_once_more(
     expected = finer(BENCH).predict(end).load - model.predict(end).load
     own = np.asarray(found.objective.correction.load)
     assert own == pytest.approx(expected, abs=0.02 * np.abs(expected).max())
+
+
+def test_what_was_added_is_tested_where_the_model_is_corrected_anew() -> None:
+    """Evidence for the cause added last was found with a correction that has changed since."""
+    _, found = extension(0.0)
+    kept = corrected_anew(found, SETTINGS)
+    assert kept.causes == found.causes and kept.fit.converged
+    assert kept.fit.values["stretch_curvature"] == pytest.approx(0.1, abs=0.015)
+    made = closed_form.objective(BENCH, BENCH.truth)
+    nothing = replace(found.objective, data=replace(made.data, bad_loads=()))
+    dropped = corrected_anew(replace(found, objective=nothing), SETTINGS)
+    assert dropped.causes == () and dropped.fit.values["stretch_curvature"] == 0.0
+    assert dropped.fit.best.free == found.fitted
+
+
+def test_a_noise_without_a_level_is_no_cause_of_the_model_that_is_corrected_anew() -> None:
+    _, found = extension(0.0)
+    causes = (BOUNDARY_NOISE, *found.causes)
+    after = corrected_anew(replace(found, causes=causes, of_noise=7.0), SETTINGS)
+    assert after.causes == found.causes and after.of_noise == 0.0

@@ -9,9 +9,11 @@ import pytest
 from driver.diagnosis.answer.result_types import Diagnosis, DiscretisationCheck, Refit, Settings
 from driver.diagnosis.causes.causes import LIBRARY, Cause
 from driver.diagnosis.search import forward_selection
+from driver.diagnosis.search.baseline import Prepared
 from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.extension import Extension, extended
 from driver.diagnosis.search.fine_models import FineModels
+from driver.diagnosis.search.forward_selection import Selection, with_correction_anew
 from driver.diagnosis.search.refit import Executor, refit_causes
 from driver.diagnosis.search.selection_round import ExaminedRound, at_first_sight, examine
 from driver.diagnosis.statistics.screening import screened
@@ -19,10 +21,12 @@ from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from solver_adapters.interface import NotRunError, SolverError
 from tools import closed_form
-from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
+from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, finer, identified
 
 BENCH = closed_form.problem()
 BY_NAME = {cause.name: cause for cause in LIBRARY}
+NO_STOPS = BoundaryNoiseSensitivities(None, None)
+Examined = Callable[..., ExaminedRound]
 TRUE, WRONG, OTHER = "tilt_drift", "magnification_drift", "end_rotation"
 
 
@@ -176,3 +180,35 @@ def test_a_cause_that_is_added_after_all_is_not_told_to_be_missing() -> None:
     with patch.object(forward_selection, "extended", unless(tries[0])):
         found = diagnosis_of(BENCH, baseline, settings)
     assert found.verdict.text.count(f"{BY_NAME[tries[0]].title} is not added") == 1
+
+
+def selected(hidden: dict[str, float], settings: Settings, examined: Examined) -> Selection:
+    """The rounds of a diagnosis, each of them as told."""
+    objective, baseline = identified(BENCH, closed_form.objective(BENCH, BENCH.truth | hidden))
+    begin = Prepared(baseline, objective, None, (), None, ())
+    with patch.object(forward_selection, "examine", examined):
+        return forward_selection.forward_selection(
+            begin, FineModels(finer(BENCH)), NO_STOPS, settings
+        )
+
+
+def test_what_could_not_be_added_is_tried_again_where_the_model_is_corrected_anew() -> None:
+    settings = replace(SETTINGS, wanted=(TRUE, "load_drift"))
+    with patch.object(forward_selection, "extended", unless("load_drift")):
+        found = selected({TRUE: 2e-3, "load_drift": 50.0}, settings, examine)
+    assert len(found.doubts) == 1 and [cause.name for cause in found.end.causes] == [TRUE]
+    again = with_correction_anew(found, NO_STOPS, settings)
+    assert {cause.name for cause in again.end.causes} == {TRUE, "load_drift"}
+    assert again.doubts == () and again.begin is found.begin
+    assert again.rounds[0] is found.rounds[0] and len(again.rounds) == 3
+
+
+def test_rivals_that_left_something_are_not_tried_again(lines: list[str]) -> None:
+    examined = misled((WRONG, OTHER), (WRONG, OTHER), None)
+    hidden = {TRUE: 4e-4, "magnification_drift": 2e-3}
+    found = selected(hidden, replace(SETTINGS, refit=5), examined)
+    tried = f"{WRONG} leaves something: {OTHER} is tried in its place"
+    assert lines.count(tried) == 1
+    with patch.object(forward_selection, "examine", examined):
+        again = with_correction_anew(found, NO_STOPS, SETTINGS)
+    assert not again.rounds[-1].goodness_of_fit.accepted and lines.count(tried) == 1
