@@ -306,8 +306,9 @@ def _diagnosis(path: Path) -> Record:
         "not_examined", "numerics", "warnings", "travel_ratio",
     )  # fmt: skip
     record = _record(path, entries)
-    if "off_by_mesh" not in record["numerics"]:
-        raise damaged(path, "no entry off_by_mesh in numerics")
+    for entry in ("off_by_mesh", "fitted_anew"):
+        if entry not in record["numerics"]:
+            raise damaged(path, f"no entry {entry} in numerics")
     for step in record["steps"]:
         if "left_something" not in step:
             raise damaged(path, "no entry left_something in steps")

@@ -284,10 +284,12 @@ def checks(findings: Findings) -> list[Row]:
     discretisation_check, last = diagnosis["numerics"], diagnosis["steps"][-1]["omnibus"]
     free = diagnosis["gain"]["budget_before"]["free"]
     effect = number(discretisation_check["effect_sigma"], 2)
+    times = discretisation_check["fitted_anew"]
+    anew = f", fitted anew with it {times} time{'s' * (times > 1)} before" if times else ""
     rows = [
         check_row(
             "mesh and time steps", discretisation_check["passed"],
-            f"their error changes by {effect} σ from the identified to the extended model "
+            f"their error changes by {effect} σ from the identified to the extended model{anew} "
             f"(at most {GATE:g} σ is tolerated)",
         ),
         check_row("images", free <= IMAGING, f"free correlation leaves χ = {chi(free)}"),

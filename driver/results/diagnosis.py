@@ -87,6 +87,7 @@ def diagnosis_record(
             "passed": found.numerics.passed,
             "needed": found.numerics.needed,
             "between_meshes": found.numerics.between_meshes,
+            "fitted_anew": found.numerics.fitted_anew,
             "off_by_mesh": {n: found.off_by_mesh(n) for n in added_parameters(found)},
         },
         "load_noise": {

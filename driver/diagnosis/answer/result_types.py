@@ -144,12 +144,14 @@ class DiscretisationCheck:
         along: the cause whose score it would change most, or the added parameter.
         needed: what has to be refined, None where the check is passed.
         between_meshes: whether it is the change from one finer mesh to another.
+        fitted_anew: how often the result was fitted with the correction at its own end before.
     """
 
     effect: float
     along: Cause | Parameter
     needed: Refinement | None = None
     between_meshes: bool = False
+    fitted_anew: int = 0
 
     @property
     def passed(self) -> bool:

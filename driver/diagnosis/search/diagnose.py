@@ -92,8 +92,7 @@ def diagnose(
         logger.info(f"  {unexamined.cause} is not examined: {unexamined.why}")
     selection = forward_selection(begin, finer, stops, settings)
     final, passed = _compared(selection, cycles, settings)
-    anew: Selection | Failure | None = None
-    for _ in range(_MOST_ANEW):
+    for fitted_anew in range(1, _MOST_ANEW + 1):
         if passed.passed or not selection.end.causes:
             break
         logger.info("its own error is another one there: fitted with the correction taken anew")
@@ -103,6 +102,7 @@ def diagnose(
             break
         selection = anew
         final, passed = _compared(selection, cycles, settings)
+        passed = replace(passed, fitted_anew=fitted_anew)
     first, end, rounds = selection.begin, selection.end, list(selection.rounds)
     fitted, current = end.fit, end.objective
     causes, levels = list(end.causes), dict(end.levels)
@@ -124,7 +124,7 @@ def diagnose(
     )  # fmt: skip
     verdict = answer(numerics=None)
     if passed.words is not None:
-        left_over = isinstance(anew, Selection) and not rounds[-1].goodness_of_fit.accepted
+        left_over = bool(passed.fitted_anew) and not rounds[-1].goodness_of_fit.accepted
         if left_over and verdict.kind == "unexplained":
             verdict = with_own_error_counted(verdict)
         else:

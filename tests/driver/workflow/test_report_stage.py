@@ -21,7 +21,7 @@ from driver.report.measured import MeasuredMotion
 from driver.report.measured_texts import texts
 from driver.report.page import facts, report_page
 from driver.report.tables import cause_rows
-from driver.report.verdict import first_screen, gain_text, headline, smallest_lead
+from driver.report.verdict import checks, first_screen, gain_text, headline, smallest_lead
 from driver.report.view import view_of_findings
 from driver.results.files import AbsentError
 from driver.results.hdf5 import ResultError
@@ -197,6 +197,24 @@ def test_a_parameter_far_off_its_prior_is_a_check_that_is_not_passed(
     head = first_screen_identified(findings, "the Newton decrement is 0.04 σ", True)
     (row,) = [check for check in head.checks if check["what"] == "priors"]
     assert row["passed"] != far and ("origin_X" in row["text"]) == far
+
+
+@pytest.mark.parametrize(
+    ("times", "told"),
+    [
+        (0, "to the extended model (at most"),
+        (1, "to the extended model, fitted anew with it 1 time before (at most"),
+        (2, "to the extended model, fitted anew with it 2 times before (at most"),
+    ],
+)
+def test_a_model_that_was_fitted_with_its_own_correction_says_so(
+    written: Results, times: int, told: str
+) -> None:
+    findings = written.findings()
+    assert findings.diagnosis is not None
+    numerics = findings.diagnosis["numerics"] | {"fitted_anew": times}
+    row, *_ = checks(replace(findings, diagnosis=findings.diagnosis | {"numerics": numerics}))
+    assert row["what"] == "mesh and time steps" and told in row["text"]
 
 
 def test_names_of_the_case_break_out_of_neither_page_nor_script(written: Results) -> None:
@@ -401,7 +419,9 @@ def test_results_of_another_version_are_refused_with_what_to_do(
         run_report(results.context(tmp_path / "work"))
 
 
-@pytest.mark.parametrize("missing", ["together_p", "smooth_p", "left_something", "off_by_mesh"])
+@pytest.mark.parametrize(
+    "missing", ["together_p", "smooth_p", "left_something", "off_by_mesh", "fitted_anew"]
+)
 def test_a_verdict_of_an_earlier_version_is_refused_with_what_to_do(
     missing: str, results: Results, tmp_path: Path
 ) -> None:

@@ -307,7 +307,7 @@ def test_what_no_finer_simulation_takes_away_is_unexplained_whatever_that_change
     monkeypatch.setattr(diagnose, "discretisation_check", lambda *arguments: check)
     two = replace(NONE_HELD_OUT, wanted=("tilt_drift", "load_gain"))
     found = diagnosed({"tilt_drift": 1.2e-2}, settings=two)
-    assert found.verdict.kind == "unexplained" and not found.numerics.passed
+    assert found.verdict.kind == "unexplained" and found.numerics.fitted_anew == 3
     assert "a finer mesh is no remedy" in found.verdict.text
     # Of what explains all the size is in doubt.
     named = diagnosed({"tilt_drift": 2e-3}, settings=two)
@@ -354,6 +354,7 @@ def test_an_own_error_that_the_correction_taken_anew_holds_refuses_no_verdict(
     own = [float(line.split()[6]) for line in lines if "change of the simulation's own" in line]
     assert len(own) == 2 and own[0] > GATE > own[1]
     assert found.verdict.kind == "named" and found.numerics.passed and len(found.rounds) == 2
+    assert found.numerics.fitted_anew == 1
     value = found.extended.values["tau0_grain2"]
     assert abs(value - 3.0) < 2 * sigma(found, "tau0_grain2")
 
