@@ -35,7 +35,9 @@ KEYS = {
     },
     "gain.budget_before": {"noise", "free", "model", "basis", "load"},
     "gain.budget_after": {"noise", "free", "model", "basis", "load"},
-    "numerics": {"effect_sigma", "on", "passed", "needed", "between_meshes", "fitted_anew", "off_by_mesh"},
+    "numerics": {
+        "effect_sigma", "on", "passed", "needed", "between_meshes", "fitted_anew", "off_by_mesh",
+    },
     "travel_ratio": {"value", "sigma", "of_phases"},
     "load_noise": {"stated_uN", "found_uN", "degrees"},
     "baseline": {"values", "converged", "reason"},
