@@ -224,7 +224,7 @@ def test_one_that_has_fallen_far_behind_is_not_corrected_on(
 def test_one_that_gains_is_corrected_on_where_twice_as_much_may_make_it_lead(
     gained: float, again: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A turn of 5° gained 33 and was 65 behind, led by 13 in the end; here 78 less that."""
+    """A turn of 5° gained 33 and was 65 behind, led by 11 in the end; here 78 less that."""
     baseline, (first, second) = refitted()
     ends = {first.cause.name: [100.0], second.cause.name: [22.0 + gained, 105.0, 105.5]}
     taken: list[str] = []
