@@ -21,7 +21,7 @@ from driver.common.progress import quiet
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import TOLERANCE, Executor, refit_of, with_prior
-from driver.diagnosis.statistics.screening import whitened_difference
+from driver.diagnosis.statistics.correction_change import changed_on_the_way
 from driver.forward.model import ForwardModel
 from driver.identification.correction import Correction, correction
 from driver.identification.fit import Fit, fit_from
@@ -136,12 +136,9 @@ def _may_gain(refit: Refit, baseline: Evaluation) -> float:
     It takes up to 2 r √E from an excess misfit E (Cauchy and Schwarz), which is known to the
     scatter of noise, and a log evidence holds half of that. 0 for a correction without derivatives.
     """
-    objective, at = refit.objective, refit.fit.best
-    begin, end = (objective.correction.at(where) for where in (baseline.values, at.values))
-    moved = whitened_difference(objective, end, begin)
-    beside = moved - at.jacobian.T @ np.linalg.solve(at.hessian, at.jacobian @ moved)
+    at = refit.fit.best
     excess = at.excess + np.sqrt(2.0 * at.residual.size)
-    return float(np.sqrt(excess) * np.linalg.norm(beside))
+    return float(np.sqrt(excess) * changed_on_the_way(refit.objective, baseline.values, at))
 
 
 def _next_uncorrected(refits: Sequence[Refit], taken: Mapping[str, int]) -> list[Refit]:

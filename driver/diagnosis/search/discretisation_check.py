@@ -10,8 +10,8 @@ import numpy as np
 from driver.common.progress import quiet
 from driver.diagnosis.answer.result_types import DiscretisationCheck, Refinement
 from driver.diagnosis.causes.causes import NUMERICS, Cause
+from driver.diagnosis.statistics.correction_change import whitened_difference
 from driver.diagnosis.statistics.score_test import Score
-from driver.diagnosis.statistics.screening import whitened_difference
 from driver.forward.model import ForwardModel
 from driver.identification.correction import Correction, correction
 from driver.identification.fit import Fit

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from driver.diagnosis.answer.result_types import Refit, Settings
+from driver.diagnosis.answer.result_types import GATE, Refit, Settings
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.search.backward_elimination import eliminate
@@ -17,7 +17,10 @@ from driver.diagnosis.search.boundary_noise import Level, level_again
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.load_outliers import bad_loads
 from driver.diagnosis.search.refit import Executor
-from driver.diagnosis.statistics.screening import whitened_difference
+from driver.diagnosis.statistics.correction_change import (
+    changed_on_the_way,
+    whitened_difference,
+)
 from driver.identification.correction import Correction
 from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.identify import with_correction
@@ -72,11 +75,11 @@ def extended(before: Extension, winner: Refit, settings: Settings) -> Extension:
     levels: Mapping[str, Level] = {**before.levels, **winner.levels}
     for again in range(_MOST_CORRECTIONS):
         if again:
-            logger.info("far from where the correction was taken: once more with that of this fit")
+            logger.info("the correction is another one at this fit: once more with that")
         begin = fitted
         objective = _corrected(objective, begin, finer, settings)
         fitted, objective, levels = _fitted(begin, objective, levels)
-        if _moved(begin, fitted, objective) < _FAR:
+        if not _outgrown(objective, begin, fitted):
             break
     surpassed = (*before.surpassed, frozenset(before.causes))
     noise = winner.log_evidence if winner.levels else before.of_noise
@@ -115,12 +118,18 @@ def _pruned(here: Extension, surpassed: Collection[frozenset[Cause]] | None) -> 
     return replace(here, fit=fitted, objective=objective, causes=tuple(causes))
 
 
-def _moved(begin: Fit, end: Fit, objective: Objective) -> float:
-    """By how much the prediction of one fit differs from that of another [σ]."""
+def _outgrown(objective: Objective, begin: Fit, end: Fit) -> bool:
+    """Whether a fit ends where its correction, taken at another one, holds no more.
+
+    Either the prediction has moved far, or the correction has changed by its derivatives so that a
+    score may have moved by more than the discretisation check lets pass: on coarse cells they leave
+    as much out as they hold.
+    """
     before, other = (
         Correction(f.best.prediction.motion, f.best.prediction.load) for f in (begin, end)
     )
-    return float(np.linalg.norm(whitened_difference(objective, other, before)))
+    moved = float(np.linalg.norm(whitened_difference(objective, other, before)))
+    return moved >= _FAR or changed_on_the_way(objective, begin.values, end.best) >= GATE
 
 
 def _corrected(objective: Objective, here: Fit, finer: FineModels, settings: Settings) -> Objective:

@@ -18,8 +18,8 @@ from driver.diagnosis.answer.result_types import GATE, DiscretisationCheck
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor
+from driver.diagnosis.statistics.correction_change import whitened_difference
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score, significance
-from driver.diagnosis.statistics.screening import whitened_difference
 from driver.identification.correction import Correction
 from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.objective import Objective

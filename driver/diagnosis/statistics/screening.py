@@ -8,6 +8,7 @@ import numpy as np
 
 from driver.diagnosis.causes.candidates import causes_of
 from driver.diagnosis.causes.causes import NUMERICS, Cause
+from driver.diagnosis.statistics.correction_change import whitened_difference
 from driver.diagnosis.statistics.discretisation_variance import score_variance
 from driver.diagnosis.statistics.score_test import Score, score
 from driver.forward.dwell_time import dwells
@@ -115,9 +116,3 @@ def own_error_shapes(objective: Objective) -> FloatArray:
         if change is not None and isinstance(change.load, np.ndarray)
     ]
     return np.stack(shapes) if shapes else np.zeros((0, 0))
-
-
-def whitened_difference(objective: Objective, one: Correction, other: Correction) -> FloatArray:
-    """Change of the whitened prediction between two corrections, to first order, shape (n,)."""
-    motion = np.asarray(one.motion) - np.asarray(other.motion)
-    return objective.data.change(motion, np.asarray(one.load) - np.asarray(other.load))
