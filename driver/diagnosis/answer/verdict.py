@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -126,6 +126,31 @@ def with_own_error_counted(verdict: Verdict) -> Verdict:
         "something is left as well: a finer mesh is no remedy."
     )
     return replace(verdict, text=text)
+
+
+def with_bounds(verdict: Verdict, held: Collection[str]) -> Verdict:
+    """Return a verdict that names no cause alone of which every parameter stands at a bound.
+
+    Such a value is no size: beyond it the cause is none that occurs.
+
+    Args:
+        verdict: the answer.
+        held: the parameters that stand at a bound.
+    """
+    at_bound = [
+        group[0]
+        for group in verdict.sets
+        if len(group) == 1 and group[0].parameters and set(group[0].parameters) <= set(held)
+    ]
+    if not at_bound or verdict.kind not in ("named", "one of this set", "named, but something is left"):
+        return verdict
+    return replace(
+        verdict,
+        kind="unexplained",
+        text=f"The best that was tried ({_titles(at_bound)}) would describe the data only beyond "
+        "what it can be: more likely it is the shadow of one that was not tried.",
+        next="Look at the maps of what is left, and think of a cause of your own.",
+    )
 
 
 def with_places(verdict: Verdict, missed: str) -> Verdict:

@@ -14,6 +14,7 @@ from driver.diagnosis.answer.verdict import (
     BETTER_STARTS,
     MORE_ITERATIONS,
     decide,
+    with_bounds,
     with_doubts,
     with_own_error_counted,
 )
@@ -129,6 +130,7 @@ def diagnose(
             verdict = with_own_error_counted(verdict)
         else:
             verdict = answer(numerics=passed.words)
+    verdict = with_bounds(verdict, fitted.at_bounds(current.parameters))
     fits = {"identified": first.fit} | ({"extended": fitted} if causes else {})
     verdict = with_doubts(
         verdict,

@@ -13,6 +13,7 @@ from driver.diagnosis.answer.verdict import (
     Kind,
     Verdict,
     decide,
+    with_bounds,
     with_doubts,
     with_places,
     with_refinement,
@@ -53,6 +54,34 @@ def test_what_a_single_place_shows_stands_beside_a_verdict_by_which_nothing_is_l
     assert said.kind == kind.kind and said.text == f"{kind.text} Yet {missed}"
     assert said.next.startswith("Look at the maps") and said.next.endswith(kind.next)
     assert with_places(kind, "") == kind
+
+
+@pytest.mark.parametrize("accepted", [True, False])
+def test_a_cause_that_would_have_to_be_beyond_its_bound_is_not_named(accepted: bool) -> None:
+    named = of(DRIFT, accepted=accepted)
+    said = with_bounds(named, ("tau0", "tilt_drift"))
+    assert said.kind == "unexplained" and said.sets == named.sets
+    assert "(tilt drift) would describe the data only beyond what it can be" in said.text
+    assert "cause of your own" in said.next
+    beside = with_bounds(of(CONTRAST, DRIFT), ("tilt_drift",))
+    assert beside.kind == "unexplained" and "(tilt drift)" in beside.text
+
+
+@pytest.mark.parametrize(
+    ("found", "held"),
+    [
+        (of(DRIFT), ()),
+        (of(DRIFT), ("load_gain",)),
+        (of(("heterogeneity_grain1",)), ("tau0_grain1_bend_Y",)),
+        (of(("tilt_drift", "end_shear")), ("tilt_drift",)),
+        (of(), ("tilt_drift",)),
+        (of(DRIFT, numerics="finer"), ("tilt_drift",)),
+    ],
+)
+def test_a_shape_at_its_bound_or_one_with_rivals_leaves_the_verdict(
+    found: Verdict, held: tuple[str, ...]
+) -> None:
+    assert with_bounds(found, held) == found
 
 
 def test_a_verdict_by_which_something_is_left_says_it_once() -> None:
