@@ -26,9 +26,16 @@ from driver.diagnosis.search.baseline import loads_taken_back, prepared
 from driver.diagnosis.search.boundary_noise import (
     sensitivities_where_they_pay,
 )
-from driver.diagnosis.search.discretisation_check import discretisation_check
+from driver.diagnosis.search.discretisation_check import (
+    discretisation_check,
+    with_refinement,
+)
 from driver.diagnosis.search.extension import Extension
-from driver.diagnosis.search.final_comparison import Final, final_comparison
+from driver.diagnosis.search.final_comparison import (
+    Final,
+    correction_at,
+    final_comparison,
+)
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.forward_selection import (
     Selection,
@@ -43,6 +50,7 @@ from driver.diagnosis.statistics.model_comparison import (
 )
 from driver.diagnosis.statistics.score_test import Score
 from driver.diagnosis.statistics.screening import honoured, parameters_of_the_specimen, screened
+from driver.identification.correction import Correction
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from driver.parameters.covariance import NOISE_RATIO
@@ -92,7 +100,9 @@ def diagnose(
     for unexamined in left:
         logger.info(f"  {unexamined.cause} is not examined: {unexamined.why}")
     selection = forward_selection(begin, finer, stops, settings)
-    final, passed = _compared(selection, cycles, settings)
+    logger.info("the correction once more, and the held-out cycle predicted from the others")
+    final = _compared(selection, cycles, settings)
+    fresh, passed = final.fresh, _own_error(selection, final.fresh)
     for fitted_anew in range(1, _MOST_ANEW + 1):
         if passed.passed or not selection.end.causes:
             break
@@ -102,8 +112,19 @@ def diagnose(
             logger.info(f"  it cannot be simulated ({anew.why})")
             break
         selection = anew
-        final, passed = _compared(selection, cycles, settings)
-        passed = replace(passed, fitted_anew=fitted_anew)
+        logger.info("the correction once more")
+        end = selection.end
+        fresh = correction_at(end.fit, end.objective, end.finer.one)
+        passed = replace(_own_error(selection, fresh), fitted_anew=fitted_anew)
+    if passed.fitted_anew:
+        logger.info("the held-out cycle predicted from the others")
+        final = _compared(selection, cycles, settings, fresh)
+    if not passed.passed and passed.needed is None:
+        end = selection.end
+        passed = with_refinement(
+            passed, end.objective, end.fit, fresh, end.finer.one,
+            selection.rounds[-1].scores, _added(end),
+        )  # fmt: skip
     first, end, rounds = selection.begin, selection.end, list(selection.rounds)
     fitted, current = end.fit, end.objective
     causes, levels = list(end.causes), dict(end.levels)
@@ -165,22 +186,29 @@ def diagnose(
 
 
 def _compared(
-    selection: Selection, cycles: IntArray, settings: Settings
-) -> tuple[Final, DiscretisationCheck]:
-    """Return what is found at the end of the rounds, and the test of the simulation's own error."""
-    logger.info("the correction once more, and the held-out cycle predicted from the others")
-    first, end, last = selection.begin, selection.end, selection.rounds[-1]
-    finest = end.finer.one
+    selection: Selection, cycles: IntArray, settings: Settings, fresh: Correction | None = None
+) -> Final:
+    """Return what is found at the end of the rounds."""
+    first, end = selection.begin, selection.end
     before, after = (first.fit, first.objective), (end.fit, end.objective)
-    final = final_comparison(before, after, end.causes, finest, cycles, settings)
-    added = [n for cause in end.causes if cause not in COVARIANCE for n in cause.parameters]
-    passed = discretisation_check(end.objective, end.fit, final.fresh, finest, last.scores, added)
+    return final_comparison(before, after, end.causes, end.finer.one, cycles, settings, fresh)
+
+
+def _own_error(selection: Selection, fresh: Correction) -> DiscretisationCheck:
+    """Return the test of the simulation's own error at the end of the rounds."""
+    end, last = selection.end, selection.rounds[-1]
+    passed = discretisation_check(end.objective, end.fit, fresh, last.scores, _added(end))
     if last.lost is not None and not end.causes:
         passed = last.lost
     logger.info(
         f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.along.name}"
     )
-    return final, passed
+    return passed
+
+
+def _added(end: Extension) -> list[str]:
+    """Return the parameters of the causes that were added, noises apart."""
+    return [n for cause in end.causes if cause not in COVARIANCE for n in cause.parameters]
 
 
 def to_converge(identified: Fit, baseline: Fit) -> str:

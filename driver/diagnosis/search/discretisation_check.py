@@ -43,17 +43,46 @@ def discretisation_check(
     objective: Objective,
     here: Fit,
     fresh: Correction,
-    finer: ForwardModel,
     scores: Sequence[Score],
     named: Sequence[str],
 ) -> DiscretisationCheck:
     """Effect of a fresh correction on the score of any cause, and on the parameters named.
 
-    Where it is too large, one more simulation, with the steps of the finer model on the working
-    mesh, tells the error of the steps from that of the mesh.
+    What has to be refined where it is too large takes a simulation (`with_refinement`).
 
     Args:
         objective: of the fit, with the correction that it was made with.
+        here: the fit.
+        fresh: finer minus working prediction at the fit.
+        scores: of the causes that were tried last.
+        named: the parameters that were added.
+    """
+    change = whitened_difference(objective, fresh, objective.correction.at(here.values))
+    directions = _directions(here.best, scores, [objective.parameters[name] for name in named])
+    effects = [direction.effect(change) for direction in directions]
+    if not effects:
+        return DiscretisationCheck(0.0, NUMERICS)
+    worst = int(np.argmax(effects))
+    return DiscretisationCheck(effects[worst], directions[worst].along)
+
+
+def with_refinement(
+    check: DiscretisationCheck,
+    objective: Objective,
+    here: Fit,
+    fresh: Correction,
+    finer: ForwardModel,
+    scores: Sequence[Score],
+    named: Sequence[str],
+) -> DiscretisationCheck:
+    """Return a check that was not passed with whether mesh or steps have to be refined.
+
+    One more simulation, with the steps of the finer model on the working mesh, tells the error of
+    the steps from that of the mesh.
+
+    Args:
+        check: the check.
+        objective: of the fit.
         here: the fit.
         fresh: finer minus working prediction at the fit.
         finer: the finer model.
@@ -61,20 +90,11 @@ def discretisation_check(
         named: the parameters that were added.
 
     Raises:
-        SolverError: the simulation that tells mesh from steps could not be finished.
+        SolverError: the simulation could not be finished.
     """
-    at = here.best
-    change = whitened_difference(objective, fresh, objective.correction.at(here.values))
-    directions = _directions(at, scores, [objective.parameters[name] for name in named])
-    effects = [direction.effect(change) for direction in directions]
-    if not effects:
-        return DiscretisationCheck(0.0, NUMERICS)
-    worst = int(np.argmax(effects))
-    largest = DiscretisationCheck(effects[worst], directions[worst].along)
-    if largest.passed:
-        return largest
-    needed = _refinement(objective, here, fresh, finer, directions[worst])
-    return replace(largest, needed=needed)
+    directions = _directions(here.best, scores, [objective.parameters[name] for name in named])
+    (along,) = (direction for direction in directions if direction.along == check.along)
+    return replace(check, needed=_refinement(objective, here, fresh, finer, along))
 
 
 def _directions(

@@ -49,6 +49,7 @@ def final_comparison(
     finer: ForwardModel,
     cycles: IntArray,
     settings: Settings,
+    fresh: Correction | None = None,
 ) -> Final:
     """Make them.
 
@@ -62,6 +63,7 @@ def final_comparison(
         finer: the finer model, its orientations those of the extended fit.
         cycles: number of the cycle of each image, shape (T,).
         settings: how the diagnosis is run.
+        fresh: the correction at the extended fit (`correction_at`), where it is known.
     """
     (baseline, objective), (extended, current) = first, last
     spread = current.spread
@@ -69,7 +71,9 @@ def final_comparison(
         objective = replace(objective, correction=objective.correction.mean_with(spread))
     counted = replace(objective, data=current.data)
     uncounted = replace(counted, data=replace(counted.data, jitter=objective.data.jitter))
-    tasks: list[_Refresh | _Again | HeldOutTask] = [_Refresh(current, finer, extended)]
+    tasks: list[_Refresh | _Again | HeldOutTask] = []
+    if fresh is None:
+        tasks.append(_Refresh(current, finer, extended))
     if causes:
         tasks.append(_Again(counted, baseline))
     if BOUNDARY_NOISE in causes:
@@ -78,12 +82,30 @@ def final_comparison(
     ends = side_by_side(_run, tasks, settings.processes, settings.threads)
     fits = [end.best for end in ends if isinstance(end, Fit)] or [extended.best]
     held = [end for end in ends if isinstance(end, HeldOut)]
+    if fresh is None:
+        fresh = next(end for end in ends if isinstance(end, Correction)).mean_with(spread)
     return Final(
-        fresh=next(end for end in ends if isinstance(end, Correction)).mean_with(spread),
+        fresh=fresh,
         before=fits[0],
         uncounted=fits[-1],
         held_out=(held[0], held[-1]) if held else None,
     )
+
+
+def correction_at(here: Fit, objective: Objective, finer: ForwardModel) -> Correction:
+    """Return finer minus working prediction at a fit, the mean of two meshes where there were two.
+
+    Args:
+        here: the fit.
+        objective: its objective.
+        finer: the finer model, its orientations those of the fit.
+
+    Raises:
+        SolverError: the simulation could not be finished.
+    """
+    change = _run(_Refresh(objective, finer, here))
+    assert isinstance(change, Correction)
+    return change.mean_with(objective.spread)
 
 
 @dataclass(frozen=True, eq=False)

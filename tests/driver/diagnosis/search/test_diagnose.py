@@ -17,7 +17,7 @@ from driver.diagnosis.answer.verdict import BEGIN_AT_END, BETTER_STARTS, MORE_IT
 from driver.diagnosis.causes.all_causes import EVERY
 from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.causes.ebsd_flips import ACROSS, FLIPS, HALF_TURNS
-from driver.diagnosis.search import diagnose
+from driver.diagnosis.search import diagnose, extension
 from driver.diagnosis.search.diagnose import to_converge
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.flip_trial import turned
@@ -300,7 +300,7 @@ def test_a_simulation_that_changes_its_own_error_is_refused_a_verdict() -> None:
 
 
 def test_what_no_finer_simulation_takes_away_is_unexplained_whatever_that_changes(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, lines: list[str]
 ) -> None:
     """A blister on the face bent the model until its mesh was blamed, and asked for a finer one."""
     check = DiscretisationCheck(7.6, EVERY[0], "mesh")
@@ -308,6 +308,8 @@ def test_what_no_finer_simulation_takes_away_is_unexplained_whatever_that_change
     two = replace(NONE_HELD_OUT, wanted=("tilt_drift", "load_gain"))
     found = diagnosed({"tilt_drift": 1.2e-2}, settings=two)
     assert found.verdict.kind == "unexplained" and found.numerics.fitted_anew == 3
+    # Of four ends the first and the last one are compared with the baseline.
+    assert sum("predicted from the others" in line for line in lines) == 2
     assert "a finer mesh is no remedy" in found.verdict.text
     # Of what explains all the size is in doubt.
     named = diagnosed({"tilt_drift": 2e-3}, settings=two)
@@ -342,8 +344,10 @@ class ErringWithContrast(closed_form.ClosedFormSolver):
 
 
 def test_an_own_error_that_the_correction_taken_anew_holds_refuses_no_verdict(
-    lines: list[str],
+    lines: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Here an extended model is corrected once, so that its error is another one at its end."""
+    monkeypatch.setattr(extension, "_MOST_CORRECTIONS", 1)
     working = replace(BENCH.model, adapter=ErringWithContrast())
     made = closed_form.objective(BENCH, BENCH.truth | {"tau0_grain2": 3.0})
     objective, fitted = identified(replace(BENCH, model=working), replace(made, model=working))

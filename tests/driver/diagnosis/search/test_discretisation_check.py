@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from driver.diagnosis.causes.causes import NUMERICS
-from driver.diagnosis.search.discretisation_check import discretisation_check
+from driver.diagnosis.search.discretisation_check import (
+    discretisation_check,
+    with_refinement,
+)
 from driver.identification.correction import Correction, correction
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
@@ -42,18 +45,21 @@ def test_what_the_steps_alone_do_not_explain_is_the_mesh(
 ) -> None:
     """The fresh correction is that of other steps, or as large by the mesh, or twice as large."""
     fine = OTHER_STEPS if steps_differ else BENCH.model
-    found = discretisation_check(*baseline(), change(times), fine, [], ["tau0", "c"])
-    assert not found.passed and found.needed == needed
+    of = (*baseline(), change(times))
+    check = discretisation_check(*of, [], ["tau0", "c"])
+    assert not check.passed and check.needed is None
+    found = with_refinement(check, *of, fine, [], ["tau0", "c"])
+    assert found.needed == needed and (found.effect, found.along) == (check.effect, check.along)
     assert found.words is not None and found.words.endswith(f"along {found.along.title}; {told}")
 
 
-def test_a_correction_that_has_not_changed_passes_without_another_simulation() -> None:
+def test_a_correction_that_has_not_changed_passes() -> None:
     objective, here = baseline()
-    found = discretisation_check(objective, here, objective.correction, OTHER_STEPS, [], ["tau0"])
+    found = discretisation_check(objective, here, objective.correction, [], ["tau0"])
     assert found.passed and found.effect == pytest.approx(0.0, abs=1e-9)
     assert found.along.name == "tau0" and found.needed is None and found.words is None
 
 
 def test_where_no_cause_could_be_tried_nothing_can_be_mistaken() -> None:
-    found = discretisation_check(*baseline(), change(1.0), OTHER_STEPS, [], [])
+    found = discretisation_check(*baseline(), change(1.0), [], [])
     assert found.passed and found.along == NUMERICS

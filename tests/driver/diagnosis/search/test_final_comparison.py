@@ -8,10 +8,12 @@ import pytest
 
 from driver.diagnosis.causes.causes import LIBRARY, Cause
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
-from driver.diagnosis.search.final_comparison import Final, final_comparison
+from driver.diagnosis.search.final_comparison import Final, correction_at, final_comparison
 from driver.identification.boundary_jitter import boundary_jitter
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Objective
+from meshes.arrays import FloatArray
+from solver_adapters.interface import Simulation
 from tools import closed_form
 from tools.closed_form_diagnosis import SETTINGS, finer, identified
 
@@ -36,6 +38,16 @@ def extended() -> tuple[Fit, Objective]:
     louder = replace(objective, data=data)
     free = (*here.best.free, *CURVED.parameters)
     return fit(louder, here.values, free, 12), louder
+
+
+class Failing(closed_form.ClosedFormSolver):
+    """A finer simulation that must not be run."""
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        raise AssertionError("simulated again")
+
+
+FAILING = replace(BENCH.model, adapter=Failing())
 
 
 def ends(last: tuple[Fit, Objective], *causes: Cause) -> Final:
@@ -64,6 +76,13 @@ def test_the_correction_is_taken_anew_at_the_end() -> None:
     fine, coarse = (m.predict(here.values) for m in (finer(BENCH), BENCH.model))
     assert found.fresh.load == pytest.approx(fine.load - coarse.load, abs=1e-9)
     assert not np.allclose(found.fresh.load, objective.correction.load, rtol=1e-3)
+    alone = correction_at(here, objective, finer(BENCH))
+    assert np.array_equal(alone.load, found.fresh.load)
+    known = final_comparison(
+        baseline(), (here, objective), (CURVED,), FAILING, BENCH.history.cycle, HELD_OUT, alone
+    )
+    assert known.fresh is alone and known.before.cost == found.before.cost
+    assert known.held_out == found.held_out
 
 
 def test_what_a_noise_of_the_boundary_explains_is_an_excess_where_it_is_not_counted() -> None:
