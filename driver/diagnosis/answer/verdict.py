@@ -142,11 +142,7 @@ def with_bounds(verdict: Verdict, held: Collection[str]) -> Verdict:
         for group in verdict.sets
         if len(group) == 1 and group[0].parameters and set(group[0].parameters) <= set(held)
     ]
-    if not at_bound or verdict.kind not in (
-        "named",
-        "one of this set",
-        "named, but something is left",
-    ):
+    if not at_bound or verdict.kind == "unexplained":
         return verdict
     return replace(
         verdict,

@@ -93,7 +93,7 @@ def with_refinement(
         SolverError: the simulation could not be finished.
     """
     directions = _directions(here.best, scores, [objective.parameters[name] for name in named])
-    (along,) = (direction for direction in directions if direction.along == check.along)
+    along = next(direction for direction in directions if direction.along == check.along)
     return replace(check, needed=_refinement(objective, here, fresh, finer, along))
 
 
