@@ -74,6 +74,7 @@ class Parameter:
         read_in: factor and unit in which it is read, where that is not the internal unit.
         admissible: what it may be at all; a fit may well stay inside of that.
         startable: what of it a case may state; None where that is all of it.
+        ends_at_bounds: whether nothing of the kind occurs beyond the bounds.
     """
 
     name: str
@@ -91,6 +92,7 @@ class Parameter:
     read_in: Reading | None = None
     admissible: Range = FINITE
     startable: Range | None = None
+    ends_at_bounds: bool = False
 
     @property
     def title(self) -> str:

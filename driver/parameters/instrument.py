@@ -34,15 +34,15 @@ IMAGE_DECLARATIONS: tuple[Parameter, ...] = (
     ),
     Parameter(
         "magnification_drift", "", 0.0, 5e-4, -5e-3, 5e-3, enters="images",
-        label="drift of magnification", read_in=PERCENT,
+        label="drift of magnification", read_in=PERCENT, ends_at_bounds=True,
     ),
     Parameter(
         "scan_shear_drift", "", 0.0, 5e-4, -5e-3, 5e-3, enters="images",
-        label="drift of the shear of the field", read_in=MILLIRADIANS,
+        label="drift of the shear of the field", read_in=MILLIRADIANS, ends_at_bounds=True,
     ),
     Parameter(
         "tilt_drift", "", 0.0, 5e-4, -5e-3, 5e-3, enters="images",
-        label="drift of the tilt of the field", read_in=MILLIRADIANS,
+        label="drift of the tilt of the field", read_in=MILLIRADIANS, ends_at_bounds=True,
     ),
 )  # fmt: skip
 

@@ -142,7 +142,7 @@ class DiscretisationCheck:
     Attributes:
         effect: largest effect on the score of any cause [σ].
         along: the cause whose score it would change most, or the added parameter.
-        needed: what has to be refined, None where the check is passed.
+        needed: what has to be refined, None where the check is passed or that is not known yet.
         between_meshes: whether it is the change from one finer mesh to another.
         fitted_anew: how often the result was fitted with the correction at its own end before.
     """
@@ -161,8 +161,9 @@ class DiscretisationCheck:
     @property
     def words(self) -> str | None:
         """What is wrong and what is needed, None where the check is passed."""
-        if self.needed is None:
+        if self.passed:
             return None
+        assert self.needed is not None, "asked before it was simulated"
         finer = {
             "mesh": "a mesh half as large is needed",
             "steps": "time steps half as long are needed",

@@ -129,13 +129,13 @@ def with_own_error_counted(verdict: Verdict) -> Verdict:
 
 
 def with_bounds(verdict: Verdict, held: Collection[str]) -> Verdict:
-    """Return a verdict that names no cause alone of which every parameter stands at a bound.
+    """Return a verdict that names no cause alone whose every parameter stands at such a bound.
 
-    Such a value is no size: beyond it the cause is none that occurs.
+    Such a value is no size: beyond it the cause is none that occurs. Others are named beside it.
 
     Args:
         verdict: the answer.
-        held: the parameters that stand at a bound.
+        held: the parameters that stand at a bound beyond which nothing occurs.
     """
     at_bound = [
         group[0]
@@ -144,12 +144,18 @@ def with_bounds(verdict: Verdict, held: Collection[str]) -> Verdict:
     ]
     if not at_bound or verdict.kind == "unexplained":
         return verdict
+    shadow = (
+        f"{_titles(at_bound)} would describe the data only beyond what occurs: more likely that is "
+        "the shadow of a cause that was not tried."
+    )
+    look = "Look at the maps of what is left, and think of a cause of your own."
+    if len(at_bound) == len(verdict.sets):
+        return replace(verdict, kind="unexplained", text=_capital(shadow), next=look)
     return replace(
         verdict,
-        kind="unexplained",
-        text=f"The best that was tried ({_titles(at_bound)}) would describe the data only beyond "
-        "what it can be: more likely it is the shadow of one that was not tried.",
-        next="Look at the maps of what is left, and think of a cause of your own.",
+        kind="named, but something is left",
+        text=f"{verdict.text} Yet {shadow}",
+        next=f"{verdict.next} {look}",
     )
 
 

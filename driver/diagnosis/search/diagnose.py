@@ -28,7 +28,7 @@ from driver.diagnosis.search.boundary_noise import (
 )
 from driver.diagnosis.search.discretisation_check import (
     discretisation_check,
-    with_refinement,
+    with_what_is_needed,
 )
 from driver.diagnosis.search.extension import Extension
 from driver.diagnosis.search.final_comparison import (
@@ -117,11 +117,11 @@ def diagnose(
         fresh = correction_at(end.fit, end.objective, end.finer.one)
         passed = replace(_own_error(selection, fresh), fitted_anew=fitted_anew)
     if passed.fitted_anew:
-        logger.info("the held-out cycle predicted from the others")
+        logger.info("compared with the baseline once more")
         final = _compared(selection, cycles, settings, fresh)
     if not passed.passed and passed.needed is None:
         end = selection.end
-        passed = with_refinement(
+        passed = with_what_is_needed(
             passed, end.objective, end.fit, fresh, end.finer.one,
             selection.rounds[-1].scores, _added(end),
         )  # fmt: skip
@@ -144,14 +144,14 @@ def diagnose(
         ),
         tried=any(s.degrees for round_ in rounds for s in round_.scores),
     )  # fmt: skip
-    verdict = answer(numerics=None)
+    held = [n for n in fitted.at_bounds(current.parameters) if current.parameters[n].ends_at_bounds]
+    verdict = with_bounds(answer(numerics=None), held)
     if passed.words is not None:
         left_over = bool(passed.fitted_anew) and not rounds[-1].goodness_of_fit.accepted
         if left_over and verdict.kind == "unexplained":
             verdict = with_own_error_counted(verdict)
         else:
             verdict = answer(numerics=passed.words)
-    verdict = with_bounds(verdict, fitted.at_bounds(current.parameters))
     fits = {"identified": first.fit} | ({"extended": fitted} if causes else {})
     verdict = with_doubts(
         verdict,

@@ -48,7 +48,7 @@ def discretisation_check(
 ) -> DiscretisationCheck:
     """Effect of a fresh correction on the score of any cause, and on the parameters named.
 
-    What has to be refined where it is too large takes a simulation (`with_refinement`).
+    What has to be refined where it is too large takes a simulation (`with_what_is_needed`).
 
     Args:
         objective: of the fit, with the correction that it was made with.
@@ -66,7 +66,7 @@ def discretisation_check(
     return DiscretisationCheck(effects[worst], directions[worst].along)
 
 
-def with_refinement(
+def with_what_is_needed(
     check: DiscretisationCheck,
     objective: Objective,
     here: Fit,

@@ -1,6 +1,6 @@
 """When the rounds are over: the correction once more, the baseline again, and the held-out cycle.
 
-None of them waits for another: they run side by side.
+None of them waits for another: they run side by side, but for a correction that is known.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import pytest
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.search.discretisation_check import (
     discretisation_check,
-    with_refinement,
+    with_what_is_needed,
 )
 from driver.identification.correction import Correction, correction
 from driver.identification.fit import Fit
@@ -48,7 +48,7 @@ def test_what_the_steps_alone_do_not_explain_is_the_mesh(
     of = (*baseline(), change(times))
     check = discretisation_check(*of, [], ["tau0", "c"])
     assert not check.passed and check.needed is None
-    found = with_refinement(check, *of, fine, [], ["tau0", "c"])
+    found = with_what_is_needed(check, *of, fine, [], ["tau0", "c"])
     assert found.needed == needed and (found.effect, found.along) == (check.effect, check.along)
     assert found.words is not None and found.words.endswith(f"along {found.along.title}; {told}")
 
