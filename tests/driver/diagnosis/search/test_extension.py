@@ -12,6 +12,7 @@ from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor, refit_causes
 from driver.diagnosis.statistics.score_test import score
 from driver.diagnosis.statistics.screening import screened
+from driver.forward.model import ForwardModel
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
 from meshes.arrays import FloatArray
@@ -96,20 +97,30 @@ def test_the_extended_model_has_its_own_correction_its_own_noise_and_a_fit_that_
     assert np.abs(own - expected).max() < 0.02 * scale < np.abs(of_baseline - expected).max()
 
 
-@pytest.mark.parametrize(("factor", "times"), [(1.0, 1), (2.0, 2)])
-def test_a_model_far_from_where_its_correction_was_taken_is_corrected_once_more(
-    factor: float, times: int, lines: list[str]
-) -> None:
-    """Where τ0 is twice what it is the loads are twice as large, and so is what mesh errs by."""
+def extended_from(factor: float, one: ForwardModel) -> Extension:
+    """The model extended from a refit that stands at so many times its τ0.
+
+    Args:
+        factor: of τ0.
+        one: the finer model.
+    """
     made = closed_form.objective(BENCH, BENCH.truth | HIDDEN)
     objective, baseline = identified(BENCH, made)
     winner = refitted(objective, baseline)
     values = winner.fit.values | {"tau0": factor * winner.fit.values["tau0"]}
     at = winner.objective.evaluate(values, winner.fit.best.free)
     winner = replace(winner, fit=replace(winner.fit, best=at))
-    meshes = FineModels(finer(BENCH))
+    meshes = FineModels(one)
     begin = Extension(baseline, objective, meshes, (), {}, 0.0, baseline.best.free, ())
-    found = extended(begin, winner, SETTINGS)
+    return extended(begin, winner, SETTINGS)
+
+
+@pytest.mark.parametrize(("factor", "times"), [(1.0, 1), (2.0, 2)])
+def test_a_model_far_from_where_its_correction_was_taken_is_corrected_once_more(
+    factor: float, times: int, lines: list[str]
+) -> None:
+    """Where τ0 is twice what it is the loads are twice as large, and so is what mesh errs by."""
+    found = extended_from(factor, finer(BENCH))
     assert lines.count("finer mesh and steps at the extended model") == times
     assert found.fit.converged
     model, end = found.objective.model, found.fit.values
@@ -122,20 +133,13 @@ def test_a_model_far_from_where_its_correction_was_taken_is_corrected_once_more(
 def test_a_model_whose_correction_has_changed_on_its_way_is_corrected_once_more(
     factor: float, times: int, lines: list[str]
 ) -> None:
-    """The prediction moves by half of what is far; derivatives leave as much out as they tell."""
-    made = closed_form.objective(BENCH, BENCH.truth | HIDDEN)
-    objective, baseline = identified(BENCH, made)
-    winner = refitted(objective, baseline)
-    values = winner.fit.values | {"tau0": factor * winner.fit.values["tau0"]}
-    at = winner.objective.evaluate(values, winner.fit.best.free)
-    winner = replace(winner, fit=replace(winner.fit, best=at))
-    meshes = FineModels(replace(BENCH.model, adapter=ErringWithStrength()))
-    begin = Extension(baseline, objective, meshes, (), {}, 0.0, baseline.best.free, ())
-    found = extended(begin, winner, SETTINGS)
+    """The prediction moves by 28 σ, not far; derivatives leave as much out as they tell."""
+    erring = replace(BENCH.model, adapter=ErringWithStrength())
+    found = extended_from(factor, erring)
     assert lines.count("finer mesh and steps at the extended model") == times
     assert found.fit.converged
     end = found.fit.values
-    own = meshes.one.predict(end).motion - BENCH.model.predict(end).motion
+    own = erring.predict(end).motion - BENCH.model.predict(end).motion
     # Taken where τ0 is 3 % off it would be wrong here by 1.4 nm.
     assert np.abs(own - found.objective.correction.at(end).motion).max() < 1e-4
 
