@@ -3,7 +3,8 @@
 A mesh errs in its own way, mostly where crystals yield, and so do many causes: on a coarse mesh
 and with many images the error of the finer simulation may look like one of them. On another mesh
 it is another one: the mean of both corrections is the better one, and half of what they differ by
-is what each may be off.
+is what it may be off. A little of it makes what is visible larger; where it is more than that the
+simulation is not exact enough to judge.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from driver.diagnosis.answer.result_types import GATE, DiscretisationCheck
+from driver.diagnosis.answer.result_types import DiscretisationCheck
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor
@@ -26,13 +27,20 @@ from driver.identification.objective import Objective
 
 logger = logging.getLogger(__name__)
 
+MOST_OFF = 2.0
+"""Error of the mean of two meshes along a cause with which it judges [σ].
+
+With it what is visible of the cause is about twice as large as for noise alone.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class OnBoth:
     """What two finer meshes say.
 
     Attributes:
-        lost: the change that takes every significant score away, None where one of them stays.
+        lost: the change that takes every significant score away, None where one of them stays or
+            the meshes are close enough for their mean to judge.
         first: the correction by the finer mesh, to be taken at the fit.
         spread: half of what the other one adds.
     """
@@ -52,8 +60,8 @@ def held_against_both(
 ) -> OnBoth | None:
     """Hold what is significant against another mesh.
 
-    A score stays if it is significant with the mean of both corrections, or if the other mesh
-    moves it by less than `GATE`.
+    Nothing is lost where a score is significant with the mean of both corrections, or where the
+    mean may be off by `MOST_OFF` at most.
 
     Args:
         finer: the finer models.
@@ -91,9 +99,12 @@ def held_against_both(
         logger.info(
             f"  {scored.cause.name}: moved by {effects[-1]:.1f} σ, p {scored.p:.2g} → {p:.2g}"
         )
-        if p < NAMING_LEVEL or effects[-1] <= GATE:
+        if p < NAMING_LEVEL:
             return OnBoth(None, first, spread)
-    lost = DiscretisationCheck(effects[0], seen[0].cause, "mesh", between_meshes=True)
+    worst = int(np.argmax(effects))
+    if 0.5 * effects[worst] <= MOST_OFF:
+        return OnBoth(None, first, spread)
+    lost = DiscretisationCheck(effects[worst], seen[worst].cause, "mesh", between_meshes=True)
     return OnBoth(lost, first, spread)
 
 

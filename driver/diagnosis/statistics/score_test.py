@@ -70,6 +70,17 @@ class Score:
     directions: FloatArray
     strengths: FloatArray
 
+    def beside_error(self, change: FloatArray) -> Score:
+        """Return the score with what is visible as large as it is beside an error of the model.
+
+        Args:
+            change: what the whitened prediction may be off, with either sign, shape (n,).
+        """
+        if not self.directions.size:
+            return self
+        off = np.sum((self.directions @ change) ** 2) / self.degrees
+        return replace(self, visible=self.visible * np.sqrt(1.0 + off))
+
 
 def score(
     cause: Cause,

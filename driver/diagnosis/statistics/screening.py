@@ -75,6 +75,8 @@ def screen(
 ) -> tuple[list[Score], float]:
     """Score every candidate, and the discretisation; best log evidence first.
 
+    What two finer meshes differ by hides causes: half of it counts in what is visible of each.
+
     Args:
         here: the fit that is examined.
         objective: its objective.
@@ -98,7 +100,11 @@ def screen(
 
     share = variance_left(objective.model.microstructure.mesh, sizes)
     variance = score_variance(scored(1.0), objective.data, change, share)
-    return sorted(scored(variance), key=lambda s: -s.log_evidence), variance
+    found = scored(variance)
+    if objective.spread is not None:
+        half = whitened_difference(objective, objective.spread, Correction()) / np.sqrt(variance)
+        found = [s.beside_error(half) for s in found]
+    return sorted(found, key=lambda s: -s.log_evidence), variance
 
 
 def own_error_shapes(objective: Objective) -> FloatArray:

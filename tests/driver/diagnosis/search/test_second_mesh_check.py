@@ -186,3 +186,25 @@ def test_what_the_meshes_differ_by_is_taken_at_the_extended_model() -> None:
     agreeing, _ = diagnosed(DRIFT, FINE)
     value = agreeing.extended.values["tilt_drift"]
     assert found.extended.values["tilt_drift"] == pytest.approx(value, rel=1e-3)
+
+
+class SlightlyErringMesh(ErringMesh):
+    """The same, of which half moves the score by less than two standard deviations."""
+
+    drift = 0.65 * DRIFT
+
+
+def test_what_the_mean_of_two_near_meshes_takes_away_is_nothing_and_less_is_visible() -> None:
+    slightly = replace(BENCH.model, adapter=SlightlyErringMesh(0.001))
+    found, lines = diagnosed(0.5 * DRIFT, slightly)
+    assert found.verdict.kind == "nothing wrong" and found.numerics.passed
+    assert any("moved by 3.7 σ" in line for line in lines)
+    same, _ = diagnosed(0.5 * DRIFT, FINE)
+    assert same.verdict.names == ("tilt_drift",)
+    near, alone = (
+        next(s for s in one.rounds[0].scores if s.cause.name == "tilt_drift")
+        for one in (found, same)
+    )
+    wider = float(np.hypot(1.0, 0.5 * 3.7))
+    assert near.visible == pytest.approx(wider * alone.visible, rel=0.02)
+    assert near.estimate < alone.estimate < near.visible
