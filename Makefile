@@ -3,14 +3,14 @@
 MAKEFLAGS += --no-print-directory
 .SILENT:
 .DELETE_ON_ERROR:
-.PHONY: help demo test slow docs setup kernels clean
+.PHONY: help demo test slow long docs setup kernels clean
 
 VENV := .venv
 # Files of tests side by side, one for each core, each with one thread; in the order in which they
 # are collected (`tests/conftest.py`), for files of few tests are the longest and would come last.
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(VENV)/bin/pytest --numprocesses logical --dist loadfile --no-loadscope-reorder
 # Tests that `make test` runs, as pytest's option -m names them.
-TESTS := not slow
+TESTS := not slow and not long
 CASE := examples/alpha/case.toml
 PAGE := examples/alpha/results/report.html
 
@@ -23,6 +23,7 @@ help:
 	echo "make demo    set everything up in $(VENV) and run $(CASE)"
 	echo "make test    set everything up in $(VENV), then lint, type check and test"
 	echo "make slow    run the slower set of tests"
+	echo "make long    run the longest tests, the demo among them"
 	echo "make docs    set everything up in $(VENV) and build the documentation into site/"
 	echo "make setup   set everything up in $(VENV)"
 	echo "make clean   remove $(VENV), the caches and the demo's results"
@@ -44,6 +45,9 @@ test: kernels
 
 slow: kernels
 	$(PYTEST) -m slow
+
+long: kernels
+	$(PYTEST) -m long
 
 # Files of tests side by side would compile the same kernels at the same time.
 kernels: $(VENV)/installed-dev

@@ -24,7 +24,7 @@ CYCLES = ((8, 3), (8, 3), (9, 3))  # of 320 images 35
 SEED = 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_demo_whose_data_others_made_is_diagnosed_to_its_hidden_effect(tmp_path: Path) -> None:
     """Simulated by Code_Aster, imaged by other programs: τ0 of grain 2 is 1.15 that of grain 1.
 
@@ -45,7 +45,7 @@ def test_the_demo_whose_data_others_made_is_diagnosed_to_its_hidden_effect(tmp_p
     assert held_out["chi_load_after"] < held_out["chi_load_before"] < 1.3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_paper_size_study_finds_its_truth_within_three_sigma(tmp_path: Path) -> None:
     """Fewer images and coarser meshes; the truth as in `virtual.toml`, tables 4 and 5."""
     case, settings = load_case(IF_STEEL / "case.toml"), read_virtual(IF_STEEL / "virtual.toml")

@@ -24,6 +24,7 @@ from driver.diagnosis.causes.ebsd_flips import flips_of
 from driver.diagnosis.causes.noise_causes import COVARIANCE, NOISE_NOT_UNIFORM
 from driver.diagnosis.search.baseline import loads_taken_back, prepared
 from driver.diagnosis.search.boundary_noise import (
+    BoundaryNoiseSensitivities,
     sensitivities_where_they_pay,
 )
 from driver.diagnosis.search.discretisation_check import (
@@ -100,31 +101,7 @@ def diagnose(
     for unexamined in left:
         logger.info(f"  {unexamined.cause} is not examined: {unexamined.why}")
     selection = forward_selection(begin, finer, stops, settings)
-    logger.info("the correction once more, and the held-out cycle predicted from the others")
-    final = _compared(selection, cycles, settings)
-    fresh, passed = final.fresh, _own_error(selection, final.fresh)
-    for fitted_anew in range(1, _MOST_ANEW + 1):
-        if passed.passed or not selection.end.causes:
-            break
-        logger.info("its own error is another one there: fitted with the correction taken anew")
-        anew = attempt(partial(with_correction_anew, selection, stops, settings))
-        if isinstance(anew, Failure):
-            logger.info(f"  it cannot be simulated ({anew.why})")
-            break
-        selection = anew
-        logger.info("the correction once more")
-        end = selection.end
-        fresh = correction_at(end.fit, end.objective, end.finer.one)
-        passed = replace(_own_error(selection, fresh), fitted_anew=fitted_anew)
-    if passed.fitted_anew:
-        logger.info("compared with the baseline once more")
-        final = _compared(selection, cycles, settings, fresh)
-    if not passed.passed and passed.needed is None:
-        end = selection.end
-        passed = with_what_is_needed(
-            passed, end.objective, end.fit, fresh, end.finer.one,
-            selection.rounds[-1].scores, _added(end),
-        )  # fmt: skip
+    selection, final, passed = _with_own_error_tested(selection, stops, cycles, settings)
     first, end, rounds = selection.begin, selection.end, list(selection.rounds)
     fitted, current = end.fit, end.objective
     causes, levels = list(end.causes), dict(end.levels)
@@ -183,6 +160,45 @@ def diagnose(
         verdict=verdict,
         levels=levels,
     )
+
+
+def _with_own_error_tested(
+    selection: Selection,
+    stops: BoundaryNoiseSensitivities,
+    cycles: IntArray,
+    settings: Settings,
+) -> tuple[Selection, Final, DiscretisationCheck]:
+    """Return what was selected, fitted anew where its own error is another one at its end.
+
+    Returns:
+        The selection, what is found at its end, and the test of its own error.
+    """
+    logger.info("the correction once more, and the held-out cycle predicted from the others")
+    final = _compared(selection, cycles, settings)
+    fresh, passed = final.fresh, _own_error(selection, final.fresh)
+    for fitted_anew in range(1, _MOST_ANEW + 1):
+        if passed.passed or not selection.end.causes:
+            break
+        logger.info("its own error is another one there: fitted with the correction taken anew")
+        anew = attempt(partial(with_correction_anew, selection, stops, settings))
+        if isinstance(anew, Failure):
+            logger.info(f"  it cannot be simulated ({anew.why})")
+            break
+        selection = anew
+        logger.info("the correction once more")
+        end = selection.end
+        fresh = correction_at(end.fit, end.objective, end.finer.one)
+        passed = replace(_own_error(selection, fresh), fitted_anew=fitted_anew)
+    if passed.fitted_anew:
+        logger.info("compared with the baseline once more")
+        final = _compared(selection, cycles, settings, fresh)
+    if not passed.passed and passed.needed is None:
+        end = selection.end
+        passed = with_what_is_needed(
+            passed, end.objective, end.fit, fresh, end.finer.one,
+            selection.rounds[-1].scores, _added(end),
+        )  # fmt: skip
+    return selection, final, passed
 
 
 def _compared(

@@ -39,7 +39,7 @@ def at_its_end(case: Path) -> tuple[tuple[str, ...], dict[str, float], dict[str,
     return texts.names, values, sigma
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_predicted_sigma_is_that_of_the_fit_though_no_image_is_looked_at(
     tmp_path: Path,
 ) -> None:

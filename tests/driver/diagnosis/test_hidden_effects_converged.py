@@ -26,8 +26,6 @@ from tests.driver.diagnosis.hidden_effects import (
 from tools.beyond_parameters import SLICE, blistered, with_soft_slice
 from tools.converged_truth import known_case, pulled, true_case
 
-pytestmark = pytest.mark.slow
-
 EFFECTS = {  # cause: parameter and truth
     "grain_contrast": ("tau0_grain2", 1.25),
     "boundary_position": ("boundary_shift", 0.6),
@@ -76,7 +74,13 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Diagnose:
     return diagnoses(tmp_path_factory, known_case(), course)
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.parametrize(
+    "effect",
+    [
+        pytest.param("grain_contrast", marks=pytest.mark.slow),
+        pytest.param("boundary_position", marks=pytest.mark.long),
+    ],
+)
 def test_an_effect_in_a_converged_truth_is_answered_and_its_size_recovered(
     effect: str, found: Diagnose
 ) -> None:
@@ -84,6 +88,7 @@ def test_an_effect_in_a_converged_truth_is_answered_and_its_size_recovered(
     assert_named_and_recovered(found(effect, SEED), effect, *EFFECTS[effect])
 
 
+@pytest.mark.long
 def test_a_soft_slice_is_answered_with_the_heterogeneity_of_its_grain_which_is_softest_there(
     found: Diagnose,
 ) -> None:
@@ -108,6 +113,7 @@ def test_a_soft_slice_is_answered_with_the_heterogeneity_of_its_grain_which_is_s
     assert SLICE[0] * end < place < SLICE[1] * end
 
 
+@pytest.mark.long
 def test_what_no_cause_describes_is_unexplained_in_a_converged_truth(found: Diagnose) -> None:
     """Dirt that grows on the face bends the model, whose own error was blamed for what is left."""
     answer = found("blister", SEED)
@@ -116,12 +122,14 @@ def test_what_no_cause_describes_is_unexplained_in_a_converged_truth(found: Diag
     assert answer["steps"][-1]["omnibus"]["image_slow_p"] < 1e-20
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_without_the_effect_the_finding_is_gone(effect: str, diagnosed: Diagnose) -> None:
     """The same relief, stage errors and noise; only the effect is taken out."""
     assert_gone(diagnosed("nothing", SEED), effect, *EFFECTS[effect])
 
 
+@pytest.mark.long
 def test_a_sound_model_gets_nothing_wrong_in_a_converged_truth_and_the_true_law(
     diagnosed: Diagnose,
 ) -> None:
