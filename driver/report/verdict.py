@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from driver.common.formatting import chi, joined, number, probability, signed
-from driver.diagnosis.answer.result_types import GATE, IMAGING
+from driver.diagnosis.answer.result_types import GATE, IMAGING, MOST_OFF
 from driver.diagnosis.answer.verdict import LEAST_EXPLAINED
 from driver.diagnosis.search.selection_round import WITHIN
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
@@ -283,15 +283,8 @@ def checks(findings: Findings) -> list[Row]:
     diagnosis = findings.diagnosis
     discretisation_check, last = diagnosis["numerics"], diagnosis["steps"][-1]["omnibus"]
     free = diagnosis["gain"]["budget_before"]["free"]
-    effect = number(discretisation_check["effect_sigma"], 2)
-    times = discretisation_check["fitted_anew"]
-    anew = f", fitted anew with it {times} time{'s' * (times > 1)} before" if times else ""
     rows = [
-        check_row(
-            "mesh and time steps", discretisation_check["passed"],
-            f"their error changes by {effect} σ from the identified to the extended model{anew} "
-            f"(at most {GATE:g} σ is tolerated)",
-        ),
+        check_row("mesh and time steps", discretisation_check["passed"], _own_error(diagnosis)),
         check_row("images", free <= IMAGING, f"free correlation leaves χ = {chi(free)}"),
         check_row(
             "what is left", last["accepted"],
@@ -305,6 +298,22 @@ def checks(findings: Findings) -> list[Row]:
                 check_row(f"fit of the {name}", end["converged"], f"ended: {end['reason']}")
             )
     return rows
+
+
+def _own_error(diagnosis: Row) -> str:
+    """Return what the simulation's own error does to scores, in words."""
+    check = diagnosis["numerics"]
+    effect, times = number(check["effect_sigma"], 2), check["fitted_anew"]
+    if check["between_meshes"]:
+        return (
+            f"two finer meshes differ by {effect} σ along {cause_label(check['on'])} "
+            f"(at most {2 * MOST_OFF:g} σ is tolerated)"
+        )
+    anew = f", fitted anew with it {times} time{'s' * (times > 1)} before" if times else ""
+    return (
+        f"their error changes by {effect} σ from the identified to the extended model{anew} "
+        f"(at most {GATE:g} σ is tolerated)"
+    )
 
 
 def tests_told(tests: Row) -> str:

@@ -18,6 +18,11 @@ from driver.identification.objective import Objective
 from solver_adapters.parameter import Parameter
 
 GATE = 1.0  # effect of the change of the correction on a score [σ]
+MOST_OFF = 2.0
+"""Error of the mean of two meshes along a cause with which it judges [σ].
+
+With it what is visible of the cause is about twice as large as for noise alone.
+"""
 Refinement = Literal["mesh", "steps", "mesh and steps"]
 IMAGING = 1.2  # χ of free correlation beyond which imaging errors dominate
 

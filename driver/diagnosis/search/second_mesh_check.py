@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from driver.diagnosis.answer.result_types import DiscretisationCheck
+from driver.diagnosis.answer.result_types import MOST_OFF, DiscretisationCheck
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor
@@ -26,12 +26,6 @@ from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.objective import Objective
 
 logger = logging.getLogger(__name__)
-
-MOST_OFF = 2.0
-"""Error of the mean of two meshes along a cause with which it judges [σ].
-
-With it what is visible of the cause is about twice as large as for noise alone.
-"""
 
 
 @dataclass(frozen=True, eq=False)

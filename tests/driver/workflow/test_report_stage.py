@@ -217,6 +217,16 @@ def test_a_model_that_was_fitted_with_its_own_correction_says_so(
     assert row["what"] == "mesh and time steps" and told in row["text"]
 
 
+def test_what_two_finer_meshes_differ_by_is_told_as_that(written: Results) -> None:
+    findings = written.findings()
+    assert findings.diagnosis is not None
+    between = {"between_meshes": True, "passed": False, "effect_sigma": 5.0, "on": "load_drift"}
+    numerics = findings.diagnosis["numerics"] | between
+    row, *_ = checks(replace(findings, diagnosis=findings.diagnosis | {"numerics": numerics}))
+    text = "two finer meshes differ by 5.0 σ along load drift (at most 4 σ is tolerated)"
+    assert row["text"] == text and not row["passed"]
+
+
 def test_names_of_the_case_break_out_of_neither_page_nor_script(written: Results) -> None:
     name, findings = "</script><b onclick=x>'\"&amp;", written.findings()
     grains = (findings.case.grains[0].model_copy(update={"name": name}), *findings.case.grains[1:])
@@ -420,7 +430,8 @@ def test_results_of_another_version_are_refused_with_what_to_do(
 
 
 @pytest.mark.parametrize(
-    "missing", ["together_p", "smooth_p", "left_something", "off_by_mesh", "fitted_anew"]
+    "missing",
+    ["together_p", "smooth_p", "left_something", "off_by_mesh", "between_meshes", "fitted_anew"],
 )
 def test_a_verdict_of_an_earlier_version_is_refused_with_what_to_do(
     missing: str, results: Results, tmp_path: Path
