@@ -14,10 +14,11 @@ from driver.identification.correction_cost import cells_of_size, correction_seco
 from solver_adapters.finite_differences import RUNS_PER_DIRECTION
 from solver_adapters.interface import Capabilities
 
-# Simulations of a run: Gauss–Newton iterations use this share of their limit, each refit of a
-# cause needs this many, one that is looked at from afar about this many without derivatives
-# (both sides in two rounds), and a finer mesh is run this often where something is found.
-_ITERATION_SHARE = 0.7
+# Simulations of a run: the Gauss–Newton iterations of stages B and C, and with images of A, use
+# this share of their limit each, each refit of a cause needs this many, one that is looked at from
+# afar about this many without derivatives (both sides in two rounds), and a finer mesh is run this
+# often where something is found.
+_ITERATION_SHARE = 0.5
 _PER_REFIT = 6
 _PER_LOOK = 4
 _FINE_RUNS = 8
@@ -91,11 +92,15 @@ def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> C
     if case.with_images:
         size = size_of_second_mesh(case)
         second = correction_seconds(case, solver, n_cells, n_images, size, (0,) * _SECOND_RUNS)
-    fits = round(_ITERATION_SHARE * case.identification.max_iterations)
+    fit = _ITERATION_SHARE * case.identification.max_iterations
+    # Further starts end before stage C.
+    stages_of_start = 2 if case.with_images else 1
+    of_start = round(stages_of_start * fit)
+    fits = round((stages_of_start + 1) * fit)
     refits = min(case.diagnosis.refit, _causes(case)) * _PER_REFIT if case.with_images else 0
     looks = _bent_causes(case) * _PER_LOOK if case.with_images else 0
     # Only further starts, refits and looks are independent of each other and run side by side.
-    starts = working * fits * (case.identification.starts - 1) / case.execution.processes
+    starts = working * of_start * (case.identification.starts - 1) / case.execution.processes
     tried = (working * refits + plain * looks) / case.execution.processes
     identify = working * fits + starts + first
     if case.boundary.jitter_nm:
@@ -127,7 +132,7 @@ def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> C
         memory += kept * directions * 8.0 * _face(case) * n_images
         memory = max(memory, measuring_memory(case, n_images))
     each_time = 1 if solver.derivatives else 1 + RUNS_PER_DIRECTION * directions
-    evaluations = fits * case.identification.starts + refits
+    evaluations = fits + of_start * (case.identification.starts - 1) + refits
     of_stages = {"measure": correlation, "identify": identify, "diagnose": diagnose}
     seconds = sum(of_stages.values())
     return Cost(seconds, memory, each_time * evaluations + looks, of_stages)

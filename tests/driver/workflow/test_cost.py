@@ -50,6 +50,17 @@ def test_the_estimate_counts_no_more_refits_than_causes_that_are_asked_for() -> 
     assert of_one < looked_at < simulations(refit=1) < simulations()
 
 
+def test_an_identification_counts_the_iterations_of_each_of_its_stages() -> None:
+    """The demo, of at most 12 each, took 5 in A, 3 in B and 10 in C; a start ends before C."""
+    one, three = ({"starts": n, "max_iterations": 12} for n in (1, 3))
+    none = {"starts": 1, "max_iterations": 0}
+    refits = with_tables(identification=none).simulations
+    assert with_tables(identification=one).simulations - refits == 18
+    assert with_tables(identification=three).simulations - refits == 18 + 2 * 12
+    stage = {"motion": "stage", "stage_ratio": 4e-4, "stage_ratio_uncertainty": 1e-4}
+    assert with_tables(boundary=stage, identification=one).simulations == 12
+
+
 def test_the_estimate_counts_the_simulations_that_derivatives_cost() -> None:
     """Two for each of 31 directions, and the one that is asked for."""
     case, bundled = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
