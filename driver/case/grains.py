@@ -8,11 +8,10 @@ import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from driver.case.messages import refusal
-from driver.case.values import FileName, Number, Table, Vector
+from driver.case.values import FileName, Point, Table, Vector
 from meshes.arrays import FloatArray
 
 EbsdFrame = Literal["edax", "oxford", "bruker"]
-Point = tuple[Number, Number]
 
 EULER_AXES: dict[EbsdFrame, tuple[Vector, Vector, Vector]] = {
     "edax": ((0.0, -1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, -1.0)),

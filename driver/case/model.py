@@ -118,6 +118,44 @@ class Case(Table):
             expected = f"one table [[grains]], or {count - 1} tables [[specimen.boundaries]]"
         raise refusal(expected, "grains", f"{count} of them")
 
+    @property
+    def labelled_by_map(self) -> bool:
+        """Whether the grains lie as in an EBSD map, in which each is picked."""
+        return self.specimen.labels_point_um is not None
+
+    @model_validator(mode="after")
+    def _grains_of_the_map(self) -> Self:
+        labels = self.specimen.labels
+        if labels is None:
+            return self
+        of_map = [grain.ebsd == labels for grain in self.grains]
+        if not any(of_map):
+            if self.labelled_by_map:
+                expected = "the EBSD map that all tables [[grains]] name in ebsd"
+                raise refusal(expected, "specimen.labels", f'"{labels}"')
+            return self
+        if not all(of_map):
+            number = 1 + of_map.index(False)
+            raise refusal(
+                f'"{labels}" as specimen.labels, so that each grain of that map has its table',
+                f"grains.{number}.ebsd",
+            )
+        if self.specimen.labels_pixel_nm is not None:
+            raise refusal("nothing: the map has its step", "specimen.labels_pixel_nm")
+        if not self.labelled_by_map:
+            raise refusal(
+                "a list of two numbers [x, y], where the map of specimen.labels has the middle of "
+                "the edge Y = 0 of the face",
+                "specimen.labels_point_um",
+            )
+        if self.orientation.ebsd_frame is None:
+            raise refusal(
+                '"edax", "oxford" or "bruker", so that ebsd_to_specimen is how the map of '
+                "specimen.labels lies",
+                "orientation.ebsd_frame",
+            )
+        return self
+
     @model_validator(mode="after")
     def _ratios_of_grains(self) -> Self:
         ratios, later = len(self.material.tau0_grains), max(len(self.grains) - 2, 0)

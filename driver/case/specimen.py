@@ -17,7 +17,7 @@ from driver.case.mesh_sizes import (
     sizes_of_pieces,
 )
 from driver.case.messages import refusal
-from driver.case.values import FileName, Positive, Table, Vector
+from driver.case.values import FileName, Point, Positive, Table, Vector
 from meshes.grain_boundary import GrainBoundary, fault_of, is_direction
 from meshes.measures import Measures
 from meshes.prism import CellKind
@@ -96,16 +96,23 @@ class Specimen(Table):
     labels: FileName | None = Field(
         default=None,
         description="a text in quotes, an image of the number of the grain at each pixel of the "
-        "face, which lies as the images do; grains are columns below it",
+        "face, which lies as the images do, or the EBSD map that all grains name; grains are "
+        "columns below it",
     )
     labels_pixel_nm: Positive | None = Field(
         default=None,
         description="side of a pixel of labels, default that of the images, whose field it shows",
     )
+    labels_point_um: Point | None = Field(
+        default=None,
+        description="a list of two numbers [x, y], where an EBSD map in labels has the origin of "
+        "the specimen",
+    )
 
     added: ClassVar[frozenset[str]] = frozenset(
         {
             "shape", "bottom_width_um", "boundaries", "mesh_file", "labels", "labels_pixel_nm",
+            "labels_point_um",
         }
     )  # fmt: skip
 
@@ -268,8 +275,10 @@ class Specimen(Table):
             self._refuse_what_the_mesh_tells()
         if self.labels is not None:
             self._refuse_what_the_labels_tell()
-        elif self.labels_pixel_nm is not None:
-            raise refusal("nothing, or labels as well", "labels_pixel_nm")
+        else:
+            for key in ("labels_pixel_nm", "labels_point_um"):
+                if getattr(self, key) is not None:
+                    raise refusal("nothing, or labels as well", key)
         automatic = [key for key in SIZES if getattr(self, key) == AUTO]
         if len(automatic) == 1:
             other = next(key for key in SIZES if key not in automatic)

@@ -41,6 +41,7 @@ def _beside_the_case(name: str) -> str:
 
 OwnFolder = Annotated[str, Field(min_length=1), AfterValidator(_beside_the_case)]
 """A folder beside the case."""
+Point = tuple[Number, Number]
 Vector = tuple[Number, Number, Number]
 
 

@@ -30,7 +30,7 @@ from driver.doubts.orientations import look_at_orientations
 from driver.doubts.plausible import in_figures
 from driver.experiment.held_out import held_out_cycle
 from driver.experiment.history import History, travel_told
-from driver.experiment.orientations import map_files
+from driver.experiment.orientations import map_files, orientations_of
 from driver.experiment.reading import Experiment, fitted_loads, history_of, read_experiment
 from driver.forward.build import (
     build_model,
@@ -124,7 +124,8 @@ def check(case_path: Path, results: Path | None = None) -> list[Finding]:
         refuse_another_case(picture.parent, case)
         make_folder(picture.parent, case.file)
         codes = None if reference is None else reference.codes
-        draw(case, experiment, picture, codes, () if unoriented else map_pictures(case))
+        maps, rotations = ((), None) if unoriented else (map_pictures(case), orientations_of(case))
+        draw(case, experiment, picture, codes, maps, rotations)
     except OSError as error:
         expected = "a folder that can be made and written"
         message = sentence(picture.parent, "folder", why(error), expected)
@@ -134,6 +135,7 @@ def check(case_path: Path, results: Path | None = None) -> list[Finding]:
     boundaries = len(case.grains) - 1
     drawn = ["ROI", "pixels left out", "axes", "load curve"]
     drawn += [boundaries_label(boundaries)] if boundaries else []
+    drawn += [] if unoriented else ["slip traces"]
     drawn += ["EBSD map"] if map_files(case) and not unoriented else []
     findings.append(Finding("ok", "picture", f"{picture}: {', '.join(drawn)}"))
     return findings

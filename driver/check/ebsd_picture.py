@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
 
 from driver.case.model import Case
 from driver.experiment.ebsd.maps import EbsdMap, read_map
 from driver.experiment.ebsd.orix_library import compiled_apart
 from driver.experiment.ebsd.segmentation import grid_steps
+from driver.experiment.map_labels import face_on_map
 from driver.experiment.orientations import grain_orientations, map_files
 from driver.report.style import literal
 from meshes.arrays import FloatArray
@@ -32,12 +34,15 @@ class MapPicture:
         colours: of its cells, rows along y, shape (rows, columns, 3).
         extent: left, right, bottom and top of the picture in the map [µm]; y grows downwards.
         picked: names of the picked grains, and where they lie [µm].
+        face: corners of the measured face, x and y [µm], shape (4, 2); None where the map does not
+            tell where the grains lie.
     """
 
     file: Path
     colours: FloatArray
     extent: tuple[float, float, float, float]
     picked: tuple[tuple[str, tuple[float, float]], ...]
+    face: FloatArray | None = None
 
 
 def map_pictures(case: Case) -> tuple[MapPicture, ...]:
@@ -52,13 +57,22 @@ def map_pictures(case: Case) -> tuple[MapPicture, ...]:
             for grain, found in grains
             if grain.ebsd is not None and found.of_map and case.path(grain.ebsd) == file
         )
-        pictures.append(MapPicture(file, *_cells(points, loading_axis), picked))
+        face = face_on_map(case) if case.labelled_by_map else None
+        pictures.append(MapPicture(file, *_cells(points, loading_axis), picked, face))
     return tuple(pictures)
 
 
 def draw_map(axes: Axes, picture: MapPicture) -> None:
     """Draw a map, with the names of the grains where they were picked."""
     axes.imshow(picture.colours, extent=picture.extent, interpolation="nearest", aspect="equal")
+    if picture.face is not None:
+        axes.add_patch(
+            Polygon(
+                picture.face, fill=False, edgecolor="white", linewidth=1.8, linestyle="--",
+                path_effects=_RIM, label="measured face",
+            )
+        )  # fmt: skip
+        axes.legend(loc="lower right", fontsize=8)
     for name, (x, y) in picture.picked:
         axes.plot(x, y, "o", color="white", ms=7, mec="black")
         axes.annotate(

@@ -16,6 +16,7 @@ from matplotlib.patheffects import withStroke
 
 from driver.case.model import Case
 from driver.check.ebsd_picture import MapPicture, draw_map
+from driver.check.slip_traces import slip_traces
 from driver.common.atomic_write import write_whole
 from driver.experiment.history import History
 from driver.experiment.images.region import CodeArray, Excluded
@@ -25,7 +26,11 @@ from driver.report.style import boundaries_label, literal
 from meshes.arrays import FloatArray
 
 _HEIGHT, _MAP_HEIGHT = 5.4, 4.6  # inches
-_ROI, _BOUNDARY, _AXES = "#ffe14d", "#ff8a1f", "#35d0ff"
+_ROI, _BOUNDARY, _AXES, _SLIP = "#ffe14d", "#ff8a1f", "#35d0ff", "#8dff6a"
+_TRACES = (("-", "—"), ("--", "- -"))
+"""Styles of the slip traces of a grain, drawn and told: of as many planes."""
+_TRACE, _NAME_BESIDE = 0.16, 0.2
+"""Half of a slip trace, and where the text beside it begins, over the width of the face."""
 _LEFT_OUT = {
     Excluded.TRENCH: ("#3b6cff", "trench"),
     Excluded.MASK: ("#b04fff", "mask"),
@@ -41,6 +46,7 @@ def draw(
     path: Path,
     codes: CodeArray | None = None,
     maps: Sequence[MapPicture] = (),
+    rotations: FloatArray | None = None,
 ) -> None:
     """Draw the picture of a check into a PNG file.
 
@@ -50,13 +56,22 @@ def draw(
         path: file to write.
         codes: what becomes of each pixel, values of `Excluded`, or None if it is not known.
         maps: the EBSD maps of the case.
+        rotations: crystal → specimen of each grain, shape (n_grains, 3, 3), by which slip traces
+            are drawn, or None if they are not known.
     """
     heights = (_HEIGHT, _MAP_HEIGHT) if maps else (_HEIGHT,)
     figure = Figure(figsize=(14.0, sum(heights)), layout="constrained")
     FigureCanvasAgg(figure)  # draws without a display, whatever the user's backend
     parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
     grid = parts[0].add_gridspec(2, 2, width_ratios=(1.9, 1.0))
-    _draw_image(parts[0].add_subplot(grid[:, 0]), case, experiment, codes)
+    face = parts[0].add_subplot(grid[:, 0])
+    _draw_image(face, case, experiment, codes)
+    if rotations is not None:
+        _draw_slip_traces(face, case, rotations)
+    face.legend(
+        loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3, fontsize=8, framealpha=0.85,
+        facecolor="#555555", labelcolor="white",
+    )  # fmt: skip
     _draw_stage(parts[0].add_subplot(grid[0, 1]), experiment)
     load = fitted_loads(case, experiment.force)
     _draw_load(parts[0].add_subplot(grid[1, 1]), experiment.history, load)
@@ -109,6 +124,11 @@ def _draw_image(axes: Axes, case: Case, experiment: Experiment, codes: CodeArray
         )
     )
     _draw_boundaries(axes, case)
+    for name, at, turn in (("S_MINUS", 0.0, "right"), ("S_PLUS", specimen.length, "left")):
+        axes.text(
+            at, -0.5 * specimen.width, f" {name} ", color=_ROI, ha=turn, va="top", fontsize=8,
+            path_effects=_RIM,
+        )  # fmt: skip
     axes.plot(0, 0, "o", color=_AXES, ms=7, mec="black", label="X = 0, Y = 0")
     arm = 0.3 * specimen.width
     for name, tip in (("X", (0.0, arm)), ("Y", (arm, 0.0))):
@@ -124,8 +144,6 @@ def _draw_image(axes: Axes, case: Case, experiment: Experiment, codes: CodeArray
         ylabel="X [µm]",
         title=f"First image, {n_rows} × {n_columns} px of {pixel * 1e3:g} nm; Z to the viewer",
     )
-    axes.legend(loc="lower right", fontsize=8, framealpha=0.85, facecolor="#555555",
-                labelcolor="white")  # fmt: skip
 
 
 def _draw_boundaries(axes: Axes, case: Case) -> None:
@@ -141,16 +159,41 @@ def _draw_boundaries(axes: Axes, case: Case) -> None:
             path_effects=_RIM,
         )
     for grain, (x, y) in grain_places(case):
+        beside = (y + _NAME_BESIDE * specimen.width, x - 0.13 * specimen.width, "left")
+        above = (y, -0.38 * specimen.width, "center")
+        at_y, at_x, aligned = beside if specimen.boundaries_stay else above
         axes.text(
-            y,
-            x + 0.1 * specimen.width if specimen.boundaries_stay else -0.38 * specimen.width,
+            at_y,
+            at_x,
             literal(case.grains[grain].name),
             color=_BOUNDARY,
-            ha="center",
+            ha=aligned,
             weight="bold",
             fontsize=11,
             path_effects=_RIM,
         )
+
+
+def _draw_slip_traces(axes: Axes, case: Case, rotations: FloatArray) -> None:
+    """Draw the slip traces of each grain, of the planes that tension along Y shears most."""
+    arm, told = _TRACE * case.specimen.width, "slip traces of the largest Schmid factors"
+    systems = case.material.to_material().slip_systems
+    for grain, (x, y) in grain_places(case):
+        traces = slip_traces(rotations[grain], systems)
+        lines = []
+        for (style, sign), trace in zip(_TRACES, traces, strict=False):
+            along_x, along_y = arm * np.array(trace.along)
+            axes.plot(
+                [y - along_y, y + along_y], [x - along_x, x + along_x], style, color=_SLIP, lw=1.6,
+                label=told, path_effects=_RIM,
+            )  # fmt: skip
+            told = ""
+            lines.append(f"{sign} {trace.plane} {trace.schmid:.2f}")
+        axes.text(
+            y + _NAME_BESIDE * case.specimen.width, x, "\n".join(lines), color=_SLIP,
+            fontsize=8, va="center",
+            path_effects=[withStroke(linewidth=2.0, foreground="black")],
+        )  # fmt: skip
 
 
 def _draw_stage(axes: Axes, experiment: Experiment) -> None:

@@ -1,4 +1,4 @@
-"""The grains of a label image, as columns below the measured face."""
+"""The grains of a label image or an EBSD map, as columns below the measured face."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from driver.case.model import Case
 from driver.common.errors import InputError, sentence
 from driver.common.formatting import joined
 from driver.experiment.images.heightmaps import load_stack
+from driver.experiment.map_labels import labels_of_map
 from driver.experiment.reading import arrange, origin
 from meshes.arrays import FloatArray, IntArray
 from meshes.columnar import Columns, columns_of
@@ -21,28 +22,34 @@ _SEVERAL = 8  # labels that are told
 
 
 def columns_of_case(case: Case) -> Columns | None:
-    """Return the grains of the label image of a case, None of a case without.
+    """Return the grains of the label image or the map of a case, None of a case without.
 
     Raises:
-        InputError: the image cannot be read, does not cover the face, or has other labels than
-            there are grains.
+        InputError: it cannot be read, does not cover the face, or has other grains than there are
+            tables of them.
     """
     specimen = case.specimen
     if specimen.labels is None:
         return None
     path = case.path(specimen.labels)
+    if case.labelled_by_map:
+        labels = labels_of_map(case)
+        return _columns_of_map(
+            path, labels.tobytes(), labels.shape, specimen.width, specimen.length,
+            len(case.grains),
+        )  # fmt: skip
     try:
         state = path.stat().st_mtime_ns
     except OSError:
         state = 0
-    return _columns(
+    return _columns_of_image(
         path, state, case.images, specimen.labels_pixel_nm, specimen.width, specimen.length,
         len(case.grains),
     )  # fmt: skip
 
 
 @lru_cache(maxsize=2)
-def _columns(
+def _columns_of_image(
     path: Path,
     changed: int,
     images: Images,
@@ -71,6 +78,21 @@ def _columns(
             raise InputError(sentence(path, _KEY, found, f"all within 0 to {size - 1}"))
     seen = labels[np.ix_(np.clip(rows, 0, labels.shape[0] - 1),
                          np.clip(columns, 0, labels.shape[1] - 1))]  # fmt: skip
+    return _columns_below(path, seen, width, length, n_grains)
+
+
+@lru_cache(maxsize=2)
+def _columns_of_map(
+    path: Path, labels: bytes, shape: tuple[int, ...], width: float, length: float, n_grains: int
+) -> Columns:
+    seen = np.frombuffer(labels, dtype=np.int64).reshape(shape)
+    return _columns_below(path, seen, width, length, n_grains)
+
+
+def _columns_below(
+    path: Path, seen: FloatArray | IntArray, width: float, length: float, n_grains: int
+) -> Columns:
+    """Return the columns below the labels of the face, rows along X, columns along Y."""
     there = np.unique(seen[seen != 0])
     if not np.array_equal(there, np.arange(1, n_grains + 1)):
         numbers = [f"{one:g}" for one in there[:_SEVERAL]]

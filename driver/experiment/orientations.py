@@ -111,9 +111,9 @@ def map_traces(case: Case) -> dict[int, MapTrace]:
     """
     traces: dict[int, MapTrace] = {}
     for file in map_files(case):
-        here, width = _picks(case, file), case.specimen.width
+        here, width = picks_of(case, file), case.specimen.width
         try:
-            found = _traces(file, _stamp(file), tuple(here.values()), width)
+            found = _traces(file, stamp_of(file), tuple(here.values()), width)
         except Refused as refused:
             key = f"grains.{min(here) + 1}.ebsd"
             raise OrientationError(sentence(file, key, refused.found, refused.expected)) from None
@@ -125,7 +125,7 @@ def map_traces(case: Case) -> dict[int, MapTrace]:
     return traces
 
 
-def _picks(case: Case, file: Path) -> dict[int, Pick]:
+def picks_of(case: Case, file: Path) -> dict[int, Pick]:
     """Return what picks grains in a map, by the number of the grain from 0."""
     along_y = case.orientation.rotation[1, :2]
     return {
@@ -139,9 +139,9 @@ def _picked(case: Case) -> dict[int, PickedGrain]:
     """Return the grains that are picked in maps, by their number from 0; each map is read once."""
     picked: dict[int, PickedGrain] = {}
     for file in map_files(case):
-        here = _picks(case, file)
+        here = picks_of(case, file)
         try:
-            grains = _read(file, _stamp(file), tuple(here.values()))
+            grains = _read(file, stamp_of(file), tuple(here.values()))
         except Refused as refused:
             grains = (refused,) * len(here)
         for number, grain in zip(here, grains, strict=True):
@@ -152,8 +152,12 @@ def _picked(case: Case) -> dict[int, PickedGrain]:
     return picked
 
 
-def _stamp(file: Path) -> Stamp:
-    """Return what tells a file from the one that was there before."""
+def stamp_of(file: Path) -> Stamp:
+    """Return what tells a file from the one that was there before.
+
+    Raises:
+        Refused: there is none.
+    """
     try:
         status = file.stat()
     except FileNotFoundError:

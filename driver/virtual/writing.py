@@ -199,7 +199,7 @@ def _stated(case: Case, settings: Virtual, lens: _Lens) -> Case:
         "loads": case.loads.model_copy(update={"left_out": ()}),
     }  # fmt: skip
     if case.specimen.labels is not None:
-        own = {"labels": LABELS_TIF, "labels_pixel_nm": None}
+        own = {"labels": LABELS_TIF, "labels_pixel_nm": None, "labels_point_um": None}
         tables["specimen"] = case.specimen.model_copy(update=own)
     return case.model_copy(update=tables)
 

@@ -56,6 +56,8 @@ logger = logging.getLogger(__name__)
 
 _SIMULATING = ("identify", "diagnose")
 _MESH = ("specimen",)
+_OF_MAP = ("grains", "orientation")
+"""Beside it where grains lie as in an EBSD map."""
 _MEASURE = ("specimen", "images", "history", "dic", "sections", "loads")
 _IDENTIFY = (
     "grains", "orientation", "material", "boundary", "solver", "identification", "extensions",
@@ -71,7 +73,11 @@ def _unseen(case: Case) -> Sequence[str]:
 
 def stages(case: Case) -> Sequence[Stage]:
     """All stages of a case, in their order; without images nothing is measured or diagnosed."""
-    meshed = _MESH if case.specimen.labels is None else (*_MESH, "images")
+    meshed, measured = _MESH, _MEASURE
+    if case.labelled_by_map:
+        meshed, measured = (*_MESH, *_OF_MAP), (*_MEASURE, *_OF_MAP)
+    elif case.specimen.labels is not None:
+        meshed = (*_MESH, "images")
     if not case.with_images:
         inputs = (*meshed, "history", "sections", "loads", *_IDENTIFY)
         return (
@@ -84,7 +90,7 @@ def stages(case: Case) -> Sequence[Stage]:
         Stage(
             "measure",
             "11",
-            _MEASURE,
+            measured,
             run_measure,
             measured_files,
             {"specimen": _unseen(case)},

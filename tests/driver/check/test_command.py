@@ -384,7 +384,7 @@ def test_the_map_of_a_grain_is_drawn_below_the_images(case_path: Path) -> None:
     mapped(case_path, "a.ang")
     findings = [finding for finding in check(case_path) if finding.subject != "libraries"]
     assert {finding.level for finding in findings} == {"ok"}
-    assert findings[-1].message.endswith("load curve, grain boundary, EBSD map")
+    assert findings[-1].message.endswith("load curve, grain boundary, slip traces, EBSD map")
     picture = imread(case_path.parent / "results" / "check.png")
     # ⟨001⟩ along the loading axis is red, and nothing else in the lower part is.
     red = np.all(np.abs(picture[..., :3] - (1.0, 0.0, 0.0)) < 0.02, axis=-1)
