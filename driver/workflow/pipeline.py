@@ -73,11 +73,9 @@ def _unseen(case: Case) -> Sequence[str]:
 
 def stages(case: Case) -> Sequence[Stage]:
     """All stages of a case, in their order; without images nothing is measured or diagnosed."""
-    meshed, measured = _MESH, _MEASURE
-    if case.labelled_by_map:
-        meshed, measured = (*_MESH, *_OF_MAP), (*_MEASURE, *_OF_MAP)
-    elif case.specimen.labels is not None:
-        meshed = (*_MESH, "images")
+    of_map: tuple[str, ...] = _OF_MAP if case.labelled_by_map else ()
+    of_image: tuple[str, ...] = () if case.specimen.labels is None or of_map else ("images",)
+    meshed, measured = (*_MESH, *of_map, *of_image), (*_MEASURE, *of_map)
     if not case.with_images:
         inputs = (*meshed, "history", "sections", "loads", *_IDENTIFY)
         return (

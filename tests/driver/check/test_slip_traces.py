@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from driver.check.slip_traces import slip_traces
-from solver_adapters.crystal import BCC, FCC, bunge_matrix
+from solver_adapters.crystal import BCC, FCC, SystemTable, bunge_matrix
 
 
 def test_a_crystal_along_the_axes_has_the_octahedral_traces_at_45_degrees() -> None:
@@ -21,7 +21,7 @@ def test_a_crystal_along_the_axes_has_the_octahedral_traces_at_45_degrees() -> N
 @pytest.mark.parametrize("systems", [BCC, FCC])
 @pytest.mark.parametrize("euler", [(281.0, 8.0, 47.0), (211.0, 45.0, 150.0)])
 def test_a_trace_lies_in_its_plane_and_the_largest_schmid_factor_comes_first(
-    systems: tuple[tuple[tuple[int, ...], tuple[int, ...]], ...],
+    systems: SystemTable,
     euler: tuple[float, float, float],
 ) -> None:
     rotation = bunge_matrix(*euler)
