@@ -34,6 +34,7 @@ AnyTable = TypeVar("AnyTable", bound=Table)
 
 
 # Parameters that a single grain does not have, by the beginning of their names.
+_MAPS = (".ang", ".ctf")  # names of EBSD maps that no image has
 _OF_TWO_GRAINS = (
     "boundary_",
     "rotation_grain2",
@@ -128,11 +129,13 @@ class Case(Table):
         labels = self.specimen.labels
         if labels is None:
             return self
-        of_map = [grain.ebsd == labels for grain in self.grains]
+        of_map = [
+            grain.ebsd is not None and Path(grain.ebsd) == Path(labels) for grain in self.grains
+        ]
         if not any(of_map):
-            if self.labelled_by_map:
-                expected = "the EBSD map that all tables [[grains]] name in ebsd"
-                raise refusal(expected, "specimen.labels", f'"{labels}"')
+            if self.labelled_by_map or Path(labels).suffix.lower() in _MAPS:
+                expected = "an image, or the EBSD map that all tables [[grains]] name in ebsd"
+                raise refusal(expected, "specimen.labels", f'"{labels}", which none of them names')
             return self
         if not all(of_map):
             number = 1 + of_map.index(False)
@@ -151,7 +154,7 @@ class Case(Table):
         if self.orientation.ebsd_frame is None:
             raise refusal(
                 '"edax", "oxford" or "bruker", so that ebsd_to_specimen is how the map of '
-                "specimen.labels lies",
+                "specimen.labels lies; angles of another setting take a label image",
                 "orientation.ebsd_frame",
             )
         return self

@@ -30,6 +30,7 @@ from driver.doubts.orientations import look_at_orientations
 from driver.doubts.plausible import in_figures
 from driver.experiment.held_out import held_out_cycle
 from driver.experiment.history import History, travel_told
+from driver.experiment.map_labels import map_on_face, share_without_grain
 from driver.experiment.orientations import map_files, orientations_of
 from driver.experiment.reading import Experiment, fitted_loads, history_of, read_experiment
 from driver.forward.build import (
@@ -41,6 +42,7 @@ from driver.forward.build import (
     refuse_size,
     used_face,
 )
+from driver.forward.geometry import grain_places
 from driver.report.style import boundaries_label
 from driver.results.extended_decks import rendered_decks
 from driver.results.files import (
@@ -62,6 +64,8 @@ from solver_adapters.external import ABSENT, ExternalAdapter
 from solver_adapters.interface import Adapter, Capabilities, SolverError
 from solver_adapters.profile import config_path
 from solver_adapters.registry import find_adapter
+
+_MUCH_UNTOLD = 0.1  # of the face, without a grain in the map that places them
 
 
 def check(case_path: Path, results: Path | None = None) -> list[Finding]:
@@ -98,7 +102,11 @@ def check(case_path: Path, results: Path | None = None) -> list[Finding]:
     of_solver = [] if adapter is None else list(_solver(case, adapter))
     findings += of_solver
     n_cells, mesh_finding = _mesh(case)
-    findings.append(mesh_finding)
+    unplaced = case.labelled_by_map and not n_cells
+    if not (unplaced and unoriented):
+        findings.append(mesh_finding)
+    if case.labelled_by_map and n_cells:
+        findings.append(_told_by_map(case))
     if not case.with_images:
         return [*findings, *_loads_alone(case, adapter, n_cells, unoriented)]
     findings += _correlation(case)
@@ -119,6 +127,8 @@ def check(case_path: Path, results: Path | None = None) -> list[Finding]:
         findings += _cost(case, adapter.capabilities(), n_cells, n_images)
         if not refused:
             findings += _decks(case, adapter, experiment)
+    if unplaced:  # without lines to draw
+        return findings
     picture = results_of(case) / CHECK_PICTURE
     try:
         refuse_another_case(picture.parent, case)
@@ -135,7 +145,7 @@ def check(case_path: Path, results: Path | None = None) -> list[Finding]:
     boundaries = len(case.grains) - 1
     drawn = ["ROI", "pixels left out", "axes", "load curve"]
     drawn += [boundaries_label(boundaries)] if boundaries else []
-    drawn += [] if unoriented else ["slip traces"]
+    drawn += ["slip traces"] if rotations is not None and grain_places(case) else []
     drawn += ["EBSD map"] if map_files(case) and not unoriented else []
     findings.append(Finding("ok", "picture", f"{picture}: {', '.join(drawn)}"))
     return findings
@@ -268,6 +278,17 @@ def _mesh(case: Case) -> tuple[int, Finding]:
     n_cells, n_nodes = len(mesh.cells), len(mesh.points)
     kind = NAMES[mesh.cells.shape[1]]
     return n_cells, Finding("ok", "mesh", f"{n_cells} {kind} ({grains}), {n_nodes} nodes")
+
+
+def _told_by_map(case: Case) -> Finding:
+    """Say how much of the face the EBSD map that places the grains tells."""
+    share = share_without_grain(map_on_face(case))
+    text = f"specimen.labels: {100.0 * share:.2g} % of the face has no grain in the map"
+    if share > _MUCH_UNTOLD:
+        return Finding(
+            "warning", "mesh", f"{text} and goes to the nearest one; expected little beside them"
+        )
+    return Finding("ok", "mesh", text)
 
 
 def _correlation(case: Case) -> Iterator[Finding]:

@@ -15,7 +15,7 @@ from driver.case.model import Case
 from driver.experiment.ebsd.maps import EbsdMap, read_map
 from driver.experiment.ebsd.orix_library import compiled_apart
 from driver.experiment.ebsd.segmentation import grid_steps
-from driver.experiment.map_labels import face_on_map
+from driver.experiment.map_labels import map_on_face
 from driver.experiment.orientations import grain_orientations, map_files
 from driver.report.style import literal
 from meshes.arrays import FloatArray
@@ -57,7 +57,7 @@ def map_pictures(case: Case) -> tuple[MapPicture, ...]:
             for grain, found in grains
             if grain.ebsd is not None and found.of_map and case.path(grain.ebsd) == file
         )
-        face = face_on_map(case) if case.labelled_by_map else None
+        face = map_on_face(case).corners if case.labelled_by_map else None
         pictures.append(MapPicture(file, *_cells(points, loading_axis), picked, face))
     return tuple(pictures)
 

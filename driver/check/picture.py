@@ -28,7 +28,7 @@ from meshes.arrays import FloatArray
 _HEIGHT, _MAP_HEIGHT = 5.4, 4.6  # inches
 _ROI, _BOUNDARY, _AXES, _SLIP = "#ffe14d", "#ff8a1f", "#35d0ff", "#8dff6a"
 _TRACES = (("-", "—"), ("--", "- -"))
-"""Styles of the slip traces of a grain, drawn and told: of as many planes."""
+"""Styles of the slip traces of a grain, drawn and told, one for each plane that is shown."""
 _TRACE, _NAME_BESIDE = 0.16, 0.2
 """Half of a slip trace, and where the text beside it begins, over the width of the face."""
 _LEFT_OUT = {
@@ -38,6 +38,7 @@ _LEFT_OUT = {
 }
 # A dark rim keeps lines and letters legible on any grey.
 _RIM = [withStroke(linewidth=3.5, foreground="black")]
+_THIN_RIM = [withStroke(linewidth=2.0, foreground="black")]
 
 
 def draw(
@@ -67,7 +68,7 @@ def draw(
     face = parts[0].add_subplot(grid[:, 0])
     _draw_image(face, case, experiment, codes)
     if rotations is not None:
-        _draw_slip_traces(face, case, rotations)
+        draw_slip_traces(face, case, rotations)
     face.legend(
         loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3, fontsize=8, framealpha=0.85,
         facecolor="#555555", labelcolor="white",
@@ -123,12 +124,7 @@ def _draw_image(axes: Axes, case: Case, experiment: Experiment, codes: CodeArray
             path_effects=_RIM,
         )
     )
-    _draw_boundaries(axes, case)
-    for name, at, turn in (("S_MINUS", 0.0, "right"), ("S_PLUS", specimen.length, "left")):
-        axes.text(
-            at, -0.5 * specimen.width, f" {name} ", color=_ROI, ha=turn, va="top", fontsize=8,
-            path_effects=_RIM,
-        )  # fmt: skip
+    draw_grains(axes, case)
     axes.plot(0, 0, "o", color=_AXES, ms=7, mec="black", label="X = 0, Y = 0")
     arm = 0.3 * specimen.width
     for name, tip in (("X", (0.0, arm)), ("Y", (arm, 0.0))):
@@ -146,9 +142,19 @@ def _draw_image(axes: Axes, case: Case, experiment: Experiment, codes: CodeArray
     )
 
 
-def _draw_boundaries(axes: Axes, case: Case) -> None:
-    """Draw the traces of the grain boundaries, and the name of each grain between them."""
+def draw_grains(axes: Axes, case: Case) -> None:
+    """Draw the grain boundaries, the name of each grain between them, and those of the end faces.
+
+    Args:
+        axes: of the face, Y to the right and X down [µm].
+        case: the case.
+    """
     specimen, traces = case.specimen, boundary_traces(case)
+    for name, at, turn in (("S_MINUS", 0.0, "right"), ("S_PLUS", specimen.length, "left")):
+        axes.text(
+            at, -0.5 * specimen.width, f" {name} ", color=_ROI, ha=turn, va="top", fontsize=8,
+            path_effects=_RIM,
+        )  # fmt: skip
     for number, trace in enumerate(traces):
         axes.plot(
             trace[:, 1],
@@ -174,8 +180,14 @@ def _draw_boundaries(axes: Axes, case: Case) -> None:
         )
 
 
-def _draw_slip_traces(axes: Axes, case: Case, rotations: FloatArray) -> None:
-    """Draw the slip traces of each grain, of the planes that tension along Y shears most."""
+def draw_slip_traces(axes: Axes, case: Case, rotations: FloatArray) -> None:
+    """Draw the slip traces of each grain, of the planes that tension along Y shears most.
+
+    Args:
+        axes: of the face, Y to the right and X down [µm].
+        case: the case.
+        rotations: crystal → specimen of each grain, shape (n_grains, 3, 3).
+    """
     arm, told = _TRACE * case.specimen.width, "slip traces of the largest Schmid factors"
     systems = case.material.to_material().slip_systems
     for grain, (x, y) in grain_places(case):
@@ -192,7 +204,7 @@ def _draw_slip_traces(axes: Axes, case: Case, rotations: FloatArray) -> None:
         axes.text(
             y + _NAME_BESIDE * case.specimen.width, x, "\n".join(lines), color=_SLIP,
             fontsize=8, va="center",
-            path_effects=[withStroke(linewidth=2.0, foreground="black")],
+            path_effects=_THIN_RIM,
         )  # fmt: skip
 
 

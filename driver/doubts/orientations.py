@@ -55,6 +55,8 @@ def look_at_orientations(case: Case) -> list[Finding]:
         else:
             scale = scales.get(f"rotation_grain{number}_x", ROTATION_SCALE)
             findings += _of_map(case, number, grain, orientation, orientation.of_map, scale)
+    if case.labelled_by_map:  # which has them in no row
+        return findings
     findings += [*_alike(case, found), *_out_of_order(case, found)]
     return [*findings, *_other_boundaries(case)]
 

@@ -12,7 +12,7 @@ from driver.case.model import Case
 from driver.common.errors import InputError, sentence
 from driver.common.formatting import joined
 from driver.experiment.images.heightmaps import load_stack
-from driver.experiment.map_labels import labels_of_map
+from driver.experiment.map_labels import MapOnFace, labels_of_map, map_on_face
 from driver.experiment.reading import arrange, origin
 from meshes.arrays import FloatArray, IntArray
 from meshes.columnar import Columns, columns_of
@@ -33,11 +33,7 @@ def columns_of_case(case: Case) -> Columns | None:
         return None
     path = case.path(specimen.labels)
     if case.labelled_by_map:
-        labels = labels_of_map(case)
-        return _columns_of_map(
-            path, labels.tobytes(), labels.shape, specimen.width, specimen.length,
-            len(case.grains),
-        )  # fmt: skip
+        return _columns_of_map(map_on_face(case))
     try:
         state = path.stat().st_mtime_ns
     except OSError:
@@ -82,11 +78,9 @@ def _columns_of_image(
 
 
 @lru_cache(maxsize=2)
-def _columns_of_map(
-    path: Path, labels: bytes, shape: tuple[int, ...], width: float, length: float, n_grains: int
-) -> Columns:
-    seen = np.frombuffer(labels, dtype=np.int64).reshape(shape)
-    return _columns_below(path, seen, width, length, n_grains)
+def _columns_of_map(on_face: MapOnFace) -> Columns:
+    seen, n_grains = labels_of_map(on_face), len(on_face.picks)
+    return _columns_below(on_face.file, seen, on_face.width, on_face.length, n_grains)
 
 
 def _columns_below(

@@ -53,7 +53,7 @@ _SAME = 0.02  # element sizes between two nodes that are as good as the same
 
 
 def geometry_of(case: Case) -> PrismGeometry:
-    """Return the prism and its plane grain boundaries, of which a label image tells none.
+    """Return the prism and its plane grain boundaries, of which labels tell none.
 
     Of a mesh of the user's own it is the bar about it.
     """

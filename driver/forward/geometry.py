@@ -15,8 +15,8 @@ from meshes.surface_grains import middles_of_grains, segments_between_grains
 def boundary_traces(case: Case) -> FloatArray:
     """Return the ends (X, Y) of the trace of each grain boundary on the face [µm].
 
-    Those parallel to the loading axis have none. On a mesh of the user's own, and in a label
-    image, a trace is in as many straight parts as it has.
+    Those parallel to the loading axis have none. On a mesh of the user's own, and of labels, a
+    trace is in as many straight parts as it has.
 
     Returns:
         traces in the order of the grains, shape (n, 2, 2).
@@ -45,6 +45,8 @@ def grain_places(case: Case) -> list[tuple[int, FloatArray]]:
     if columns is not None:
         return columns.middles(case.specimen.width, case.specimen.length)
     specimen, traces = case.specimen, boundary_traces(case)
+    if len(case.grains) == 1:
+        return [(0, np.array([0.0, specimen.length / 2]))]
     if len(traces) != len(specimen.planes) or not len(traces):
         return []
     ends = [0.0, *sorted(float(trace[:, 1].mean()) for trace in traces), specimen.length]

@@ -120,7 +120,7 @@ class Stage:
 
 
 def meshed_files(case: Case) -> tuple[Path, ...]:
-    """Return the mesh of the user's own, or the label image, where a case names one."""
+    """Return the mesh of the user's own, or the label image or map, where a case names one."""
     names = case.specimen.mesh_file, case.specimen.labels
     return tuple(Path(split_dataset(case.path(name))[0]) for name in names if name is not None)
 

@@ -57,7 +57,9 @@ logger = logging.getLogger(__name__)
 _SIMULATING = ("identify", "diagnose")
 _MESH = ("specimen",)
 _OF_MAP = ("grains", "orientation")
-"""Beside it where grains lie as in an EBSD map."""
+"""Sections that place grains as an EBSD map shows them."""
+_NO_PLACE = {"orientation": ("ebsd_frame",)}
+"""What of them says where no grain lies."""
 _MEASURE = ("specimen", "images", "history", "dic", "sections", "loads")
 _IDENTIFY = (
     "grains", "orientation", "material", "boundary", "solver", "identification", "extensions",
@@ -79,19 +81,19 @@ def stages(case: Case) -> Sequence[Stage]:
     if not case.with_images:
         inputs = (*meshed, "history", "sections", "loads", *_IDENTIFY)
         return (
-            Stage("mesh", "3", meshed, run_mesh, meshed_files),
+            Stage("mesh", "3", meshed, run_mesh, meshed_files, _NO_PLACE),
             Stage("identify", "10", inputs, run_identify_loads, identified_files),
             Stage("report", "4", inputs, run_report_loads, reported_files),
         )
     return (
-        Stage("mesh", "3", meshed, run_mesh, meshed_files),
+        Stage("mesh", "3", meshed, run_mesh, meshed_files, _NO_PLACE),
         Stage(
             "measure",
             "11",
             measured,
             run_measure,
             measured_files,
-            {"specimen": _unseen(case)},
+            {"specimen": _unseen(case), **_NO_PLACE},
             alone=True,
             reads_on=True,
         ),

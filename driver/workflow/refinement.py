@@ -152,7 +152,8 @@ def refined_within_budget(case: Case, done: str, stages: Sequence[Stage]) -> Cas
     if done != DIAGNOSE or case.specimen.refined is None:
         return None
     diagnosis = read_json(results / DIAGNOSIS)
-    if diagnosis["verdict"] != "numerics" or diagnosis["numerics"]["needed"] != "mesh":
+    check = diagnosis["numerics"]
+    if check["needed"] != "mesh" or not (diagnosis["verdict"] == "numerics" or check["passed"]):
         return None
     before, finer_case = read_refinements(results), refined(case)
     if before.failed:

@@ -34,6 +34,8 @@ def not_found(scored: Score, last: Round, parameters: Mapping[str, Parameter]) -
     """
     if scored.cause.parameters and scored.p < level_of(scored.cause):
         return f"seen here (p {scored.p:.2g}) and not added: {_why_not(scored, last)}"
+    if last.lost is not None and last.lost.along == scored.cause:
+        return not_seen(scored, parameters, "seen with one finer mesh, not with the mean of two")
     return not_seen(scored, parameters)
 
 
@@ -48,12 +50,13 @@ def _why_not(scored: Score, last: Round) -> str:
     return "no more causes were added" if refit or not last.refits else "others were more likely"
 
 
-def not_seen(scored: Score, parameters: Mapping[str, Parameter]) -> str:
+def not_seen(scored: Score, parameters: Mapping[str, Parameter], how: str = "not seen here") -> str:
     """One sentence on a cause that was not found.
 
     Args:
         scored: its score.
         parameters: declarations by name.
+        how: in which way it was not.
     """
     names = scored.cause.parameters
     if not names:
@@ -74,7 +77,7 @@ def not_seen(scored: Score, parameters: Mapping[str, Parameter]) -> str:
             f"undetectable here: it would be seen from {' or '.join(sizes)} on, "
             f"{smallest:.1f} times its usual size"
         )
-    return f"not seen here: it would have been seen from {' or '.join(sizes)} on"
+    return f"{how}: it would have been seen from {' or '.join(sizes)} on"
 
 
 def _size(scales: float, parameter: Parameter) -> str:

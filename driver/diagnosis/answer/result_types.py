@@ -69,7 +69,7 @@ class Round:
         chi_load, chi_image: of that baseline.
         widened: by how much the simulation's own error widens the scores.
         untried: flips of the EBSD frame that were not tried in it, and why.
-        lost: what another mesh takes away of what was seen, None where nothing.
+        lost: what the mean of two finer meshes takes away of what one shows, None where nothing.
         left_something: causes that cannot be told from the one added by their evidence, but that
             leave what is no noise, where it does not.
     """
@@ -145,9 +145,11 @@ class DiscretisationCheck:
     """Change of the finer-minus-working difference from where it was taken to the result.
 
     Attributes:
-        effect: largest effect on the score of any cause [σ].
+        effect: largest effect on the score of any cause [σ], root mean square over its degrees of
+            freedom; between two meshes that along its most affected direction.
         along: the cause whose score it would change most, or the added parameter.
-        needed: what has to be refined, None where the check is passed or that is not known yet.
+        needed: what a refinement has to refine, None where none is asked for or that is not known
+            yet.
         between_meshes: whether it is the change from one finer mesh to another.
         fitted_anew: how often the result was fitted with the correction at its own end before.
     """
@@ -160,8 +162,8 @@ class DiscretisationCheck:
 
     @property
     def passed(self) -> bool:
-        """Whether no score could have been moved by more than one σ."""
-        return self.effect <= GATE
+        """Whether no score could have been moved too far: by one σ, or off the mean of meshes."""
+        return self.effect <= (2.0 * MOST_OFF if self.between_meshes else GATE)
 
     @property
     def words(self) -> str | None:
@@ -176,8 +178,8 @@ class DiscretisationCheck:
         }[self.needed]
         if self.between_meshes:
             return (
-                f"what looks like {self.along.title} is gone on another mesh, "
-                f"which moves it by {self.effect:.1f} σ; {finer}"
+                f"what looks like {self.along.title} is gone with the mean of two finer meshes, "
+                f"which differ by {self.effect:.1f} σ along it; {finer}"
             )
         return (
             f"close to the result its own error still changes by {self.effect:.1f} σ "

@@ -128,6 +128,23 @@ def with_own_error_counted(verdict: Verdict) -> Verdict:
     return replace(verdict, text=text)
 
 
+def with_what_one_mesh_shows(verdict: Verdict, title: str, apart: float) -> Verdict:
+    """Return a verdict without a name that tells what one of two finer meshes alone shows.
+
+    Args:
+        verdict: the answer with the mean of both.
+        title: of the cause that one of them shows.
+        apart: by how much both differ along it [σ].
+    """
+    if verdict.kind not in ("nothing wrong", "unexplained"):
+        return verdict
+    shown = (
+        f"One of two finer meshes shows {title}, the mean of both does not: they differ by "
+        f"{apart:.1f} σ along it, half of which the sizes that would have been seen count."
+    )
+    return replace(verdict, text=f"{verdict.text} {shown}", next=f"{verdict.next} {REFINE}")
+
+
 def with_bounds(verdict: Verdict, held: Collection[str]) -> Verdict:
     """Return a verdict that names no cause alone whose every parameter stands at such a bound.
 

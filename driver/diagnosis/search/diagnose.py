@@ -17,6 +17,7 @@ from driver.diagnosis.answer.verdict import (
     with_bounds,
     with_doubts,
     with_own_error_counted,
+    with_what_one_mesh_shows,
 )
 from driver.diagnosis.causes.all_causes import every
 from driver.diagnosis.causes.candidates import NotExamined, not_examined
@@ -129,6 +130,8 @@ def diagnose(
             verdict = with_own_error_counted(verdict)
         else:
             verdict = answer(numerics=passed.words)
+    elif passed.between_meshes:
+        verdict = with_what_one_mesh_shows(verdict, passed.along.title, passed.effect)
     fits = {"identified": first.fit} | ({"extended": fitted} if causes else {})
     verdict = with_doubts(
         verdict,
@@ -214,7 +217,7 @@ def _own_error(selection: Selection, fresh: Correction) -> DiscretisationCheck:
     """Return the test of the simulation's own error at the end of the rounds."""
     end, last = selection.end, selection.rounds[-1]
     passed = discretisation_check(end.objective, end.fit, fresh, last.scores, _added(end))
-    if last.lost is not None and not end.causes:
+    if last.lost is not None and not end.causes and (passed.passed or not last.lost.passed):
         passed = last.lost
     logger.info(
         f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.along.name}"

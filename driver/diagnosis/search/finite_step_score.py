@@ -33,6 +33,7 @@ from driver.diagnosis.search.refit import (
 )
 from driver.diagnosis.statistics.bayes_factor import amounts_of
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, score, significance
+from driver.diagnosis.statistics.screening import off_by_meshes
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.priors import FREED_WIDTH
@@ -217,7 +218,8 @@ def _may_be_far(side: Score) -> bool:
 def _scored(task: _Task, at: Evaluation, amount: float) -> _Side:
     fitted, degrees = task.here.inside(task.objective), task.objective.data.load_degrees
     change = (fitted.residual - at.residual)[None] / amount
-    scored = score(task.near.cause, change, fitted, task.family, degrees, task.variance)
+    off = off_by_meshes(task.objective)
+    scored = score(task.near.cause, change, fitted, task.family, degrees, task.variance, off)
     return _Side(amount, at, scored)
 
 

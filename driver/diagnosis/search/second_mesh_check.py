@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from driver.diagnosis.answer.result_types import MOST_OFF, DiscretisationCheck
+from driver.diagnosis.answer.result_types import DiscretisationCheck
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor
@@ -33,8 +33,8 @@ class OnBoth:
     """What two finer meshes say.
 
     Attributes:
-        lost: the change that takes every significant score away, None where one of them stays or
-            the meshes are close enough for their mean to judge.
+        lost: the change that takes every significant score away, None where one of them stays; it
+            is passed where the meshes are close enough for their mean to judge.
         first: the correction by the finer mesh, to be taken at the fit.
         spread: half of what the other one adds.
     """
@@ -54,8 +54,7 @@ def held_against_both(
 ) -> OnBoth | None:
     """Hold what is significant against another mesh.
 
-    Nothing is lost where a score is significant with the mean of both corrections, or where the
-    mean may be off by `MOST_OFF` at most.
+    Nothing is lost where a score is significant with the mean of both corrections.
 
     Args:
         finer: the finer models.
@@ -89,15 +88,13 @@ def held_against_both(
             scored.family, objective.data.load_degrees,
         )  # fmt: skip
         moved = 2.0 * scored.directions @ half / widened
-        effects.append(float(np.linalg.norm(moved) / np.sqrt(moved.size)))
+        effects.append(float(np.linalg.norm(moved)))
         logger.info(
             f"  {scored.cause.name}: moved by {effects[-1]:.1f} σ, p {scored.p:.2g} → {p:.2g}"
         )
         if p < NAMING_LEVEL:
             return OnBoth(None, first, spread)
     worst = int(np.argmax(effects))
-    if 0.5 * effects[worst] <= MOST_OFF:
-        return OnBoth(None, first, spread)
     lost = DiscretisationCheck(effects[worst], seen[worst].cause, "mesh", between_meshes=True)
     return OnBoth(lost, first, spread)
 

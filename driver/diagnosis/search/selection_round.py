@@ -31,7 +31,7 @@ from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.finite_step_score import finite_step_scores
 from driver.diagnosis.search.flip_trial import FlipTrial, not_warranted, try_flips
 from driver.diagnosis.search.refit import Executor
-from driver.diagnosis.search.second_mesh_check import held_against_both, with_both
+from driver.diagnosis.search.second_mesh_check import OnBoth, held_against_both, with_both
 from driver.diagnosis.statistics.goodness_of_fit import GoodnessOfFit, goodness_of_fit
 from driver.diagnosis.statistics.score_test import (
     NAMING_LEVEL,
@@ -111,7 +111,7 @@ def examine(
         executor = Executor(settings.processes, settings.threads)
         both = held_against_both(finer, here, objective, seen.scores, seen.widened, executor)
         # Where both meshes agree on a finding, looks follow at the fit with both alone.
-        if both is None or both.lost is not None:
+        if both is None or _beyond(both):
             near = _significant(seen.scores)
             seen = _looked(seen, here, objective, executor)
             if _significant(seen.scores) - near:
@@ -120,7 +120,7 @@ def examine(
                 )
         if both is not None:
             lost = both.lost
-            if lost is None:
+            if not _beyond(both):
                 objective, here = with_both(objective, here, both)
                 # The sensitivities stay those at the fit before, a fraction of a σ away.
                 screening = objective.compare(
@@ -129,7 +129,7 @@ def examine(
                 logger.info("  with the mean of both meshes:")
                 seen = _first_order(here, objective, candidates, screening, settings, stops)
                 seen = _looked(seen, here, objective, executor)
-        if lost is None:
+        if lost is None or lost.passed:
             likely = refits_of_likely(
                 seen.scores, seen.afar, screening, here.best, objective, settings.refit, executor
             )  # fmt: skip
@@ -146,6 +146,11 @@ def examine(
         tuple(scores), tuple(refits), named, seen.tests, *chi, seen.widened, trial.untried, lost
     )  # fmt: skip
     return ExaminedRound(round_, winner, here, objective)
+
+
+def _beyond(both: OnBoth) -> bool:
+    """Whether two meshes take everything away and differ by too much for their mean to judge."""
+    return both.lost is not None and not both.lost.passed
 
 
 def at_first_sight(

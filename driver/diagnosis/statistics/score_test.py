@@ -70,17 +70,6 @@ class Score:
     directions: FloatArray
     strengths: FloatArray
 
-    def beside_error(self, change: FloatArray) -> Score:
-        """Return the score with what is visible as large as it is beside an error of the model.
-
-        Args:
-            change: what the whitened prediction may be off, with either sign, shape (n,).
-        """
-        if not self.directions.size:
-            return self
-        off = np.sum((self.directions @ change) ** 2) / self.degrees
-        return replace(self, visible=self.visible * np.sqrt(1.0 + off))
-
 
 def score(
     cause: Cause,
@@ -89,6 +78,7 @@ def score(
     family: int,
     load_degrees: float = np.inf,
     variance: float = 1.0,
+    off: FloatArray | None = None,
 ) -> Score:
     """Score one cause.
 
@@ -99,6 +89,8 @@ def score(
         family: number of tries, of which a cause is one.
         load_degrees: degrees of freedom of the noise level of the loads.
         variance: of whitened numbers along the cause, 1 for noise alone.
+        off: what the whitened prediction may be off besides, with either sign, shape (n,); it
+            counts in what is visible, as a standard deviation.
     """
     left, of_noise, information = projected(sensitivity, baseline)
     g, A = of_noise / variance, information / variance
@@ -119,7 +111,9 @@ def score(
         statistic, p, estimate = 0.0, 1.0, np.zeros_like(estimate)
     uncertainty = np.diag(np.linalg.inv(inflated))
     seen = np.diag(A) > floor
-    visible = np.where(seen, SEEN_AT / np.sqrt(np.where(seen, np.diag(A), 1.0)), np.inf)
+    known = np.where(seen, np.diag(A), 1.0)
+    hidden = 0.0 if off is None else (left @ off / variance) ** 2 / known
+    visible = np.where(seen, SEEN_AT * np.sqrt((1.0 + hidden) / known), np.inf)
     return Score(
         cause=cause,
         statistic=statistic,

@@ -75,7 +75,8 @@ def screen(
 ) -> tuple[list[Score], float]:
     """Score every candidate, and the discretisation; best log evidence first.
 
-    What two finer meshes differ by hides causes: half of it counts in what is visible of each.
+    Where two finer meshes were compared half of what they differ by hides causes: it counts in what
+    is visible of each.
 
     Args:
         here: the fit that is examined.
@@ -93,18 +94,24 @@ def screen(
     if isinstance(change.load, np.ndarray):
         pairs.append((NUMERICS, whitened_difference(objective, change, Correction())[None]))
 
+    off = off_by_meshes(objective)
+
     def scored(variance: float) -> list[Score]:
         return [
-            score(cause, effect, here.best, family, degrees, variance) for cause, effect in pairs
+            score(cause, effect, here.best, family, degrees, variance, off)
+            for cause, effect in pairs
         ]
 
     share = variance_left(objective.model.microstructure.mesh, sizes)
     variance = score_variance(scored(1.0), objective.data, change, share)
-    found = scored(variance)
-    if objective.spread is not None:
-        half = whitened_difference(objective, objective.spread, Correction()) / np.sqrt(variance)
-        found = [s.beside_error(half) for s in found]
-    return sorted(found, key=lambda s: -s.log_evidence), variance
+    return sorted(scored(variance), key=lambda s: -s.log_evidence), variance
+
+
+def off_by_meshes(objective: Objective) -> FloatArray | None:
+    """Return half of what two finer meshes differ by, whitened, shape (n,); None of one mesh."""
+    if objective.spread is None:
+        return None
+    return whitened_difference(objective, objective.spread, Correction())
 
 
 def own_error_shapes(objective: Objective) -> FloatArray:

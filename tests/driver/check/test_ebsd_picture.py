@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
 
 from driver.case.grains import Grain
 from driver.check.ebsd_picture import draw_map, map_pictures
 from tests.driver.doubts.test_orientations import ROWS, case_of
 from tests.driver.ebsd_files import grid, hexagonal_grid, write_ang, write_ctf
+from tests.driver.experiment.test_map_labels import case_in, write_map
 
 RED, GREEN, BLUE = np.eye(3)
 TO_111 = float(np.degrees(np.arccos(3**-0.5)))
@@ -59,3 +61,13 @@ def test_a_hexagonal_map_fills_its_rows_and_is_drawn(tmp_path: Path) -> None:
     draw_map(axes, picture)
     assert [text.get_text() for text in axes.texts] == [r"\$a", r"\$b"]
     assert "a.ang" in axes.get_title()
+
+
+def test_the_face_is_drawn_on_a_map_that_places_the_grains(tmp_path: Path) -> None:
+    write_map(tmp_path / "map.ang")
+    (picture,) = map_pictures(case_in(tmp_path))
+    axes = Figure().subplots()
+    draw_map(axes, picture)
+    (face,) = axes.patches
+    assert isinstance(face, Polygon)
+    np.testing.assert_allclose(face.get_xy()[:4], [[2, 1], [2, 5], [14, 5], [14, 1]], atol=1e-9)

@@ -77,8 +77,8 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Diagnose:
 @pytest.mark.parametrize(
     "effect",
     [
-        pytest.param("grain_contrast", marks=pytest.mark.slow),
-        pytest.param("boundary_position", marks=pytest.mark.long),
+        pytest.param(effect, marks=pytest.mark.slow if k == 0 else pytest.mark.long)
+        for k, effect in enumerate(EFFECTS)
     ],
 )
 def test_an_effect_in_a_converged_truth_is_answered_and_its_size_recovered(

@@ -12,6 +12,8 @@ from driver.case.grains import Grain, Orientation
 from driver.case.model import Case, default_case, load_case, write_case
 from driver.doubts.orientations import look_at_orientations
 from tests.driver.ebsd_files import FIRST, SECOND, grid, halves, write_ang, write_ctf
+from tests.driver.experiment.test_map_labels import case_in as map_case
+from tests.driver.experiment.test_map_labels import picked_at, write_map
 
 X, Y = grid(4, 6)
 ROWS = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
@@ -247,3 +249,10 @@ def test_a_boundary_that_the_map_shows_otherwise_is_told_with_the_normal_that_it
     shown = [float(number) for number in line.split("about [")[1].split("]")[0].split(",")]
     unit = np.array([-np.sin(a), np.cos(a), 0.4]) / np.sqrt(1.16)
     np.testing.assert_allclose(shown, unit, atol=0.02)
+
+
+def test_grains_that_a_map_places_are_asked_for_in_no_order(tmp_path: Path) -> None:
+    """Two of them lie side by side, the second after the third along Y."""
+    write_map(tmp_path / "map.ang")
+    findings = look_at_orientations(picked_at(map_case(tmp_path), 2, (9.0, 1.8)))
+    assert not [one.message for one in findings if one.level != "ok"]

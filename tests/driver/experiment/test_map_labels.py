@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from driver.case.grains import OF_THE_FACE
+from driver.case.grains import EULER_AXES, OF_THE_FACE
 from driver.case.model import Case, case_text, load_case
 from driver.common.errors import InputError
 from driver.experiment.labels import columns_of_case
-from driver.experiment.map_labels import face_on_map, labels_of_map
+from driver.experiment.map_labels import labels_of_map, map_on_face, share_without_grain
 from driver.experiment.orientations import orientations_of
 from driver.forward.build import mesh_of
 from driver.results.mesh_sizes import sized
@@ -20,7 +20,16 @@ from driver.workflow.engine import stage_inputs
 from driver.workflow.pipeline import stages
 from meshes.arrays import FloatArray, IntArray
 from solver_adapters.bundled.adapter import BundledAdapter
-from tests.driver.ebsd_files import FIRST, SECOND, grid, hexagonal_grid, write_ang
+from solver_adapters.crystal import bunge_matrix
+from tests.driver.ebsd_files import (
+    FIRST,
+    IRON,
+    SECOND,
+    TITANIUM,
+    grid,
+    hexagonal_grid,
+    write_ang,
+)
 from tools.three_grains import tables
 
 WIDTH, LENGTH, STEP = 4.0, 12.0, 0.25
@@ -85,7 +94,7 @@ def test_each_square_of_the_face_has_the_grain_that_the_map_shows_there(
     tmp_path: Path, hexagonal: bool
 ) -> None:
     write_map(tmp_path / "map.ang", hexagonal)
-    labels = labels_of_map(case_in(tmp_path))
+    labels = labels_of_map(map_on_face(case_in(tmp_path)))
     x, y = middles(labels)
     # Within a step of a boundary the nearest point may be one of the other side.
     clear = (np.abs(y - 5.0 - 0.3 * x) > STEP) & ((y < 5.0 + 0.3 * x) | (np.abs(x) > STEP))
@@ -96,18 +105,19 @@ def test_each_square_of_the_face_has_the_grain_that_the_map_shows_there(
 def test_a_map_that_lies_turned_shows_the_same_grains(tmp_path: Path) -> None:
     """By half a turn about the normal of the face, with the place of the origin turned as well."""
     write_map(tmp_path / "map.ang")
-    as_it_is = labels_of_map(case_in(tmp_path))
+    as_it_is = labels_of_map(map_on_face(case_in(tmp_path)))
     turned = ((0.0, -1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
     opposite = (ORIGIN[0] + LENGTH, ORIGIN[1])
     case = case_in(
         tmp_path, orientation__ebsd_to_specimen=turned, specimen__labels_point_um=opposite
     )
-    np.testing.assert_array_equal(labels_of_map(case), as_it_is[::-1, ::-1])
+    np.testing.assert_array_equal(labels_of_map(map_on_face(case)), as_it_is[::-1, ::-1])
 
 
 def test_the_face_lies_in_the_map_where_its_origin_and_its_axes_say(tmp_path: Path) -> None:
     """x of the map along Y from 2 to 14 µm, y along X from 1 to 5 µm."""
-    corners = face_on_map(case_in(tmp_path))
+    write_map(tmp_path / "map.ang")
+    corners = map_on_face(case_in(tmp_path)).corners
     np.testing.assert_allclose(corners, [[2, 1], [2, 5], [14, 5], [14, 1]], atol=1e-12)
 
 
@@ -115,7 +125,7 @@ def test_columns_have_the_areas_and_the_orientations_of_the_map(tmp_path: Path) 
     """Points that were not indexed go to the grain that lies nearest."""
     write_map(tmp_path / "map.ang", unknown=True)
     case = case_in(tmp_path)
-    assert (labels_of_map(case) == 0).mean() > 0.02
+    assert share_without_grain(map_on_face(case)) > 0.02
     columns = columns_of_case(case)
     assert columns is not None and columns_of_case(case) is columns
     mesh = mesh_of(case, 2.0)
@@ -123,7 +133,10 @@ def test_columns_have_the_areas_and_the_orientations_of_the_map(tmp_path: Path) 
     x, y = middles(np.zeros((400, 1200), dtype=np.int64))
     shares = np.bincount(number_at(x, y).ravel())[1:] / x.size / y.size
     np.testing.assert_allclose(volumes / volumes.sum(), shares, atol=0.02)
-    assert orientations_of(case).shape == (3, 3, 3) and mesh.n_grains == 3
+    assert mesh.n_grains == 3
+    frame = np.array(OF_THE_FACE) @ np.array(EULER_AXES["edax"])
+    for found, angles in zip(orientations_of(case), ANGLES, strict=True):
+        np.testing.assert_allclose(found, frame @ bunge_matrix(*angles), atol=1e-4)
 
 
 def volumes_of(points: FloatArray, cells: IntArray) -> FloatArray:
@@ -131,12 +144,43 @@ def volumes_of(points: FloatArray, cells: IntArray) -> FloatArray:
     return np.asarray(np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6)
 
 
-def test_mesh_and_measurement_hang_on_where_the_map_lies(tmp_path: Path) -> None:
+def keys_of(case: Case) -> list[dict[str, str]]:
+    """What mesh and measurement of a case depend on."""
+    return [stage_inputs(stage, case) for stage in stages(case)[:2]]
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"specimen.labels_point_um": (2.25, 3.0)},
+        {"orientation.ebsd_to_specimen":
+            ((0.02, 0.9998, 0.0), (0.9998, -0.02, 0.0), (0.0, 0.0, -1.0))},
+    ],
+)  # fmt: skip
+def test_mesh_and_measurement_hang_on_where_the_map_lies(
+    tmp_path: Path, changed: dict[str, Any]
+) -> None:
     write_map(tmp_path / "map.ang")
     case = case_in(tmp_path)
-    moved = picked_at(case, 2, (8.0, 2.0))
-    for stage, other in zip(stages(case)[:2], stages(moved)[:2], strict=True):
-        assert stage_inputs(stage, case) != stage_inputs(other, moved)
+    for one, other in zip(keys_of(case), keys_of(case.with_values_at(changed)), strict=True):
+        assert one != other
+
+
+def test_mesh_and_measurement_hang_on_the_map_and_on_the_picks(tmp_path: Path) -> None:
+    write_map(tmp_path / "map.ang")
+    case = case_in(tmp_path)
+    before = keys_of(case)
+    moved = keys_of(picked_at(case, 2, (8.0, 2.0)))
+    write_map(tmp_path / "map.ang", unknown=True)
+    after = keys_of(case)
+    for one, two, three in zip(before, moved, after, strict=True):
+        assert one != two and one != three
+
+
+def test_another_frame_of_the_angles_moves_no_grain(tmp_path: Path) -> None:
+    write_map(tmp_path / "map.ang")
+    case = case_in(tmp_path)
+    assert keys_of(case) == keys_of(case.with_values_at({"orientation.ebsd_frame": "oxford"}))
 
 
 def test_a_written_case_reads_back_as_it_was(tmp_path: Path) -> None:
@@ -148,36 +192,64 @@ def test_a_written_case_reads_back_as_it_was(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("n_grains", "changed", "told"),
     [
-        (2, {}, "found a grain on 0.28 of the face, around [10.75, 3.75], that no table [[grains]] "
-         "picks, expected a table for each grain of the face"),
-        (3, {"specimen__labels_point_um": (5.0, 3.0)}, "found a face from [5.125, 1.125] to "
-         "[16.88, 4.875] of the map by labels_point_um and orientation.ebsd_to_specimen, "
-         "expected one within its points, [0, 0] to [14.75, 5.75]"),
+        (2, {}, "found a grain that no table [[grains]] picks on 0.28 of the face, around "
+         "[10.75, 3.75], expected a table for each grain of the face; parts of one grain that "
+         "points without an index separate are joined by the EBSD software"),
+        (3, {"specimen__labels_point_um": (5.0, 3.0)}, "found a face from [5, 1] to [17, 5] of the "
+         "map by labels_point_um and orientation.ebsd_to_specimen, expected one within its points, "
+         "[0, 0] to [14.75, 5.75]"),
         (3, {"orientation__ebsd_to_specimen": ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))},
-         "found a map whose normal is 90° off that of the face by ebsd_to_specimen, expected one "
+         "found a map whose z is 90° off −Z of the specimen by ebsd_to_specimen, expected a map of "
+         "the face, to 5°"),
+        (3, {"orientation__ebsd_to_specimen": ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))},
+         "found a map whose z is 180° off −Z of the specimen by ebsd_to_specimen, expected a map "
          "of the face, to 5°"),
+        (3, {"specimen__width_um": 0.8}, "found steps of 0.25 µm, expected at most 0.2 µm"),
     ],
 )  # fmt: skip
 def test_a_map_that_does_not_show_the_grains_of_the_case_is_refused_in_one_sentence(
     tmp_path: Path, n_grains: int, changed: dict[str, Any], told: str
 ) -> None:
     write_map(tmp_path / "map.ang")
-    case = case_in(tmp_path, n_grains, **changed)
     with pytest.raises(InputError) as error:
-        labels_of_map(case)
+        labels_of_map(map_on_face(case_in(tmp_path, n_grains, **changed)))
     assert str(error.value) == f"{tmp_path / 'map.ang'}: specimen.labels: {told}"
+
+
+def test_a_phase_that_is_not_cubic_is_refused_and_not_given_to_its_neighbours(
+    tmp_path: Path,
+) -> None:
+    x, y = grid(24, 60, STEP)
+    numbers = number_at(y - ORIGIN[1], x - ORIGIN[0])
+    phases = np.where((x > 10.0) & (y > 2.0) & (y < 4.0), 2, 1)
+    write_ang(tmp_path / "map.ang", x, y, ANGLES[numbers - 1], phases, phases=(IRON, TITANIUM))
+    with pytest.raises(InputError, match=r"a phase that is not cubic on 0.1\d of the face, around"):
+        labels_of_map(map_on_face(case_in(tmp_path)))
+
+
+def test_a_gap_in_the_map_has_no_grain(tmp_path: Path) -> None:
+    """Three rows of the map without points, between grains 2 and 3."""
+    x, y = grid(24, 60, STEP)
+    numbers = number_at(y - ORIGIN[1], x - ORIGIN[0])
+    there = (numbers == 1) | (np.abs(y - ORIGIN[1]) > 1.1 * STEP)
+    count = {"NCOLS_ODD": str(there.sum()), "NCOLS_EVEN": str(there.sum()), "NROWS": "1"}
+    angles = ANGLES[numbers[there] - 1]
+    write_ang(tmp_path / "map.ang", x[there], y[there], angles, header=count)
+    labels = labels_of_map(map_on_face(case_in(tmp_path)))
+    rows = (labels[:, -1] == 0).sum()
+    assert 1 <= rows <= 3 and set(np.unique(labels)) == {0, 1, 2, 3}
 
 
 def test_two_tables_of_one_grain_are_refused(tmp_path: Path) -> None:
     write_map(tmp_path / "map.ang")
     case = picked_at(case_in(tmp_path), 3, (9.0, 1.8))
     with pytest.raises(InputError, match="found the same grain for the tables 2 and 3 of"):
-        labels_of_map(case)
+        labels_of_map(map_on_face(case))
 
 
 def test_a_map_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="map.ang: specimen.labels: found nothing, expected"):
-        labels_of_map(case_in(tmp_path))
+    with pytest.raises(InputError, match="map.ang: grains.1.ebsd: found nothing, expected"):
+        labels_of_map(map_on_face(case_in(tmp_path)))
 
 
 @pytest.mark.parametrize(
@@ -190,9 +262,9 @@ def test_a_map_that_is_not_there_is_refused(tmp_path: Path) -> None:
          "nothing: the map has its step"),
         ({"orientation__ebsd_frame": None}, "orientation.ebsd_frame",
          '"edax", "oxford" or "bruker", so that ebsd_to_specimen is how the map of '
-         "specimen.labels lies"),
+         "specimen.labels lies; angles of another setting take a label image"),
         ({"specimen__labels": "other.ang"}, "specimen.labels",
-         "the EBSD map that all tables [[grains]] name in ebsd"),
+         "an image, or the EBSD map that all tables [[grains]] name in ebsd"),
         ({"specimen__labels": None}, "labels_point_um", "nothing, or labels as well"),
     ],
 )  # fmt: skip

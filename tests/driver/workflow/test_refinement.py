@@ -56,10 +56,12 @@ def stated(folder: Path, **values: Any) -> Case:
     return load_case(written(folder, stated_case(), **values))
 
 
-def diagnosed(case: Case, verdict: str = "numerics", needed: str | None = "mesh") -> None:
+def diagnosed(
+    case: Case, verdict: str = "numerics", needed: str | None = "mesh", passed: bool = False
+) -> None:
     """What stages up to a diagnosis leave behind, as far as a refinement reads it."""
     results = case.file.parent / "results"
-    record = {"verdict": verdict, "numerics": {"needed": needed}}
+    record = {"verdict": verdict, "numerics": {"needed": needed, "passed": passed}}
     (results / "diagnosis.json").write_text(json.dumps(record))
     keys = stage_keys(pipeline.stages(case), case)
     entries = {
@@ -197,9 +199,18 @@ def test_nothing_is_refined_beyond_the_memory_of_the_machine(
     assert to_refine(case, "mesh", 299.0).startswith("Write specimen.mesh_size_um = 2 and ")
 
 
+def test_what_one_mesh_alone_shows_is_refined_without_the_verdict_numerics(tmp_path: Path) -> None:
+    case = automatic(tmp_path, execution__budget_min=600.0)
+    diagnosed(case, "nothing wrong", "mesh", passed=True)
+    assert asked(case) is not None
+
+
 def test_nothing_is_refined_for_any_other_reason(tmp_path: Path) -> None:
     case = automatic(tmp_path, execution__budget_min=600.0)
-    for verdict, needed in (("named", None), ("numerics", "steps"), ("numerics", "mesh and steps")):
+    for verdict, needed in (
+        ("named", None), ("numerics", "steps"), ("numerics", "mesh and steps"),
+        ("unexplained", "mesh"),
+    ):  # fmt: skip
         diagnosed(case, verdict, needed)
         assert asked(case) is None
     diagnosed(case)

@@ -17,6 +17,7 @@ from driver.diagnosis.answer.verdict import (
     with_doubts,
     with_places,
     with_refinement,
+    with_what_one_mesh_shows,
 )
 from driver.diagnosis.causes.all_causes import EVERY
 from driver.diagnosis.causes.causes import Cause
@@ -186,6 +187,13 @@ def test_where_nothing_is_named_only_what_was_tried_is_spoken_of() -> None:
 def test_a_coarse_simulation_says_what_it_needs() -> None:
     found = of(CONTRAST, numerics="a mesh half as large is needed")
     assert "a mesh half as large is needed." in found.text
+
+
+def test_what_one_mesh_alone_shows_is_told_with_an_answer_that_names_nothing() -> None:
+    found = with_what_one_mesh_shows(of(), "depth of the section", 3.7)
+    assert found.kind == "nothing wrong" and found.next.endswith(REFINE)
+    assert "shows depth of the section, the mean of both does not: they differ by 3.7" in found.text
+    assert with_what_one_mesh_shows(of(CONTRAST), "load gain", 3.7) == of(CONTRAST)
 
 
 def test_a_refinement_that_is_known_is_named_in_place_of_a_request_for_one() -> None:

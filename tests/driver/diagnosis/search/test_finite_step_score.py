@@ -19,6 +19,7 @@ from driver.diagnosis.search.refit import Executor, Start, refit_from
 from driver.diagnosis.search.selection_round import examine
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, effects_of
 from driver.diagnosis.statistics.screening import screen, screened
+from driver.identification.correction import Correction
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from meshes.arrays import FloatArray
@@ -256,6 +257,15 @@ def test_from_where_on_a_bent_effect_is_seen_is_told_by_a_look() -> None:
     right = examined(0.0)
     near, far = (_of(s, "non_schmid") for s in (right.scores, look(right).scores))
     assert near.visible[0] > 100.0 and 2.0 < far.visible[0] < 10.0
+
+
+def test_what_two_meshes_differ_by_counts_in_what_a_look_shows() -> None:
+    right = examined(0.0)
+    known = right.fit.best.prediction
+    half = Correction(0.0 * known.motion, 5.0 * np.sin(np.arange(len(known.load))))
+    apart = replace(right, objective=replace(right.objective, spread=half))
+    far, beside = (_of(look(at).scores, "non_schmid") for at in (right, apart))
+    assert beside.visible[0] > 1.05 * far.visible[0]
 
 
 def test_what_is_seen_is_not_smaller_than_what_is_visible(hidden: Examined) -> None:

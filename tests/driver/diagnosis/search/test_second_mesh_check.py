@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 from driver.common.progress import progress_to
+from driver.diagnosis.answer.detection_limits import not_found
 from driver.diagnosis.answer.result_types import Diagnosis, Settings
+from driver.diagnosis.answer.verdict import REFINE
+from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.search.diagnose import diagnose
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor
@@ -87,7 +90,8 @@ def test_where_both_meshes_agree_neither_is_off(size: float) -> None:
 def test_what_another_mesh_takes_away_is_not_named_and_a_finer_one_is_asked_for() -> None:
     found, lines = diagnosed(DRIFT, ERRING)
     assert found.verdict.kind == "numerics" and not found.causes
-    assert "what looks like tilt drift is gone on another mesh" in found.verdict.text
+    told = "what looks like tilt drift is gone with the mean of two finer meshes"
+    assert told in found.verdict.text
     assert "a mesh half as large is needed" in found.verdict.text
     assert found.numerics.between_meshes and found.numerics.needed == "mesh"
     first = found.rounds[0].scores[0]
@@ -197,7 +201,6 @@ class SlightlyErringMesh(ErringMesh):
 def test_what_the_mean_of_two_near_meshes_takes_away_is_nothing_and_less_is_visible() -> None:
     slightly = replace(BENCH.model, adapter=SlightlyErringMesh(0.001))
     found, lines = diagnosed(0.5 * DRIFT, slightly)
-    assert found.verdict.kind == "nothing wrong" and found.numerics.passed
     assert any("moved by 3.7 σ" in line for line in lines)
     same, _ = diagnosed(0.5 * DRIFT, FINE)
     assert same.verdict.names == ("tilt_drift",)
@@ -208,3 +211,30 @@ def test_what_the_mean_of_two_near_meshes_takes_away_is_nothing_and_less_is_visi
     wider = float(np.hypot(1.0, 0.5 * 3.7))
     assert near.visible == pytest.approx(wider * alone.visible, rel=0.02)
     assert near.estimate < alone.estimate < near.visible
+    # It is told, and what would decide.
+    assert found.verdict.kind == "nothing wrong" and found.numerics.passed
+    assert found.numerics.between_meshes and found.numerics.needed == "mesh"
+    shown = (
+        "One of two finer meshes shows tilt drift, the mean of both does not: they differ by 3.7 σ"
+    )
+    assert shown in found.verdict.text and REFINE in found.verdict.next
+    told = not_found(near, found.rounds[0], found.objective.parameters)
+    assert told.startswith("seen with one finer mesh, not with the mean of two: it would have been")
+
+
+def test_of_what_two_meshes_take_away_the_one_that_they_move_most_is_told() -> None:
+    made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": DRIFT})
+    objective, here = identified(BENCH, made)
+    candidates, names = screened(objective.model, here.best.free, WANTED.wanted)
+    effects = effects_of(candidates, objective.evaluate(here.values, names), objective.parameters)
+    (one, *_), widened = screen(here, objective, candidates, effects, SETTINGS.sizes)
+    (drift,) = (cause for cause in LIBRARY if cause.name == "load_drift")
+    little = replace(
+        one, cause=drift, components=0.3 * one.components, directions=0.3 * one.directions, p=1e-4
+    )
+    found = held_against_both(
+        FineModels(FINE, lambda: ERRING), here, objective, [little, one], widened, Executor(1, 1)
+    )
+    assert found is not None and found.lost is not None and not found.lost.passed
+    assert found.lost.along == one.cause
+    assert found.lost.effect == pytest.approx(11.5, rel=0.1)

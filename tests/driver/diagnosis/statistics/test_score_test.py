@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import kstest, multivariate_normal, multivariate_t
 
 from driver.diagnosis.causes.causes import Cause
-from driver.diagnosis.statistics.bayes_factor import prior_scaled
+from driver.diagnosis.statistics.bayes_factor import prior_scaled, projected
 from driver.diagnosis.statistics.score_test import Score, score, subspace_similarity
 from driver.identification.objective import Evaluation
 from meshes.arrays import FloatArray
@@ -137,6 +137,20 @@ def test_an_effect_as_large_as_the_visible_one_is_found() -> None:
         return float(np.mean(np.array(p) < 0.01))
 
     assert share(visible) > 0.8 and share(0.3 * visible) < 0.2
+
+
+def test_what_the_model_may_be_off_hides_each_parameter_by_what_lies_along_it() -> None:
+    """An error of so many standard deviations of a parameter, and of none of the other."""
+    flat = fitted(np.zeros(N), np.zeros(K))
+    left, _, information = projected(C[:2], flat)
+    for variance in (1.0, 4.0):
+        alone = score(TWO, C[:2], flat, 1, variance=variance)
+        # Along the dual of the first parameter nothing lies along the second.
+        dual = np.linalg.solve(information, left)[0]
+        off = 3.0 * dual * np.sqrt(variance * information[0, 0])
+        beside = score(TWO, C[:2], flat, 1, variance=variance, off=off)
+        np.testing.assert_allclose(beside.visible / alone.visible, [10.0**0.5, 1.0])
+        assert beside.p == alone.p
 
 
 def test_two_parameters_of_one_effect_count_as_one() -> None:
