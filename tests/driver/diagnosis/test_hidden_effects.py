@@ -21,8 +21,6 @@ from tests.driver.diagnosis.hidden_effects import (
 )
 from tools.short_specimen import CYCLES, small_case, true_case, true_knots
 
-pytestmark = pytest.mark.slow
-
 OFFSET = 60.0  # µN
 LATENT = 14.0  # MPa, seven prior scales, where Q is 0
 SEED = 1
@@ -46,11 +44,13 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Diagnose:
     return diagnoses(tmp_path_factory, small_case(), course)
 
 
+@pytest.mark.slow
 def test_a_hidden_effect_is_named_and_its_size_recovered(diagnosed: Diagnose) -> None:
     found = diagnosed("load_offset", SEED)
     assert_named_and_recovered(found, "load_offset", *EFFECTS["load_offset"])
 
 
+@pytest.mark.long
 def test_latent_hardening_is_named_where_there_is_no_isotropic_hardening(
     diagnosed: Diagnose,
 ) -> None:
@@ -65,10 +65,12 @@ def test_latent_hardening_is_named_where_there_is_no_isotropic_hardening(
     assert refit["log_evidence"] > 10
 
 
+@pytest.mark.slow
 def test_without_the_effect_the_finding_is_gone(diagnosed: Diagnose) -> None:
     """The same relief, stage errors and noise; only the effect is taken out."""
     assert_gone(diagnosed("nothing", SEED), "load_offset", *EFFECTS["load_offset"])
 
 
+@pytest.mark.slow
 def test_a_sound_model_gets_nothing_wrong_and_the_true_law(diagnosed: Diagnose) -> None:
     assert_sound(diagnosed("nothing", SEED))
