@@ -302,7 +302,7 @@ class Specimen(Table):
             raise refusal("nothing: mesh_file has it", "labels")
 
     def _refuse_what_the_labels_tell(self) -> None:
-        """Refuse keys of what labels have, and cells that cannot follow it."""
+        """Refuse keys of what labels have, and cells that cannot follow them."""
         self._refuse_planes("labels")
         if self.cells == "hex20":
             raise refusal('"tet10", which follow labels, or nothing', "cells")

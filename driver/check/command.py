@@ -283,11 +283,13 @@ def _mesh(case: Case) -> tuple[int, Finding]:
 def _told_by_map(case: Case) -> Finding:
     """Say how much of the face the EBSD map that places the grains tells."""
     share = share_without_grain(map_on_face(case))
-    text = f"specimen.labels: {100.0 * share:.2g} % of the face has no grain in the map"
+    text = (
+        f"specimen.labels: {100.0 * share:.2g} % of the face has no grain in the map and goes to "
+        "the nearest one"
+    )
     if share > _MUCH_UNTOLD:
-        return Finding(
-            "warning", "mesh", f"{text} and goes to the nearest one; expected little beside them"
-        )
+        expected = f"at most {100.0 * _MUCH_UNTOLD:g} %, along boundaries"
+        return Finding("warning", "mesh", f"{text}; expected {expected}")
     return Finding("ok", "mesh", text)
 
 

@@ -9,7 +9,7 @@ import pytest
 import tifffile
 from matplotlib.image import imread
 
-from driver.case.model import load_case
+from driver.case.model import case_text, load_case
 from driver.check import command as check_module
 from driver.check.command import check
 from driver.forward.build import geometry_of
@@ -22,6 +22,8 @@ from solver_adapters.interface import Adapter, Capabilities, Simulation, Unsuppo
 from solver_adapters.profile import Profile
 from solver_adapters.registry import find_adapter
 from tests.driver.ebsd_files import grid, write_ang
+from tests.driver.experiment.test_map_labels import case_in as map_case
+from tests.driver.experiment.test_map_labels import write_map
 from tests.solver_adapters.bar import BarAdapter
 
 ALPHA = Path(__file__).parents[3] / "examples" / "alpha"
@@ -401,3 +403,15 @@ def test_a_map_that_cannot_be_read_is_told_once(case_path: Path) -> None:
         place = f"{case_path.parent / 'a.ang'}: grains.1.ebsd: "
         assert error.startswith(f"{place}found nothing, expected an EBSD map")
         assert not any("EBSD map" in one.message for one in findings if one.level == "ok")
+
+
+@pytest.mark.parametrize("unknown", [False, True])
+def test_how_much_of_the_face_a_map_tells_that_places_the_grains_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unknown: bool
+) -> None:
+    monkeypatch.setattr(check_module, "_MUCH_UNTOLD", 0.02)
+    write_map(tmp_path / "map.ang", unknown=unknown)
+    (tmp_path / "case.toml").write_text(case_text(map_case(tmp_path)), encoding="utf-8")
+    (told,) = (one for one in check(tmp_path / "case.toml") if "of the face" in one.message)
+    assert (told.level, told.subject) == ("warning" if unknown else "ok", "mesh")
+    assert told.message.endswith("expected at most 2 %, along boundaries") == unknown

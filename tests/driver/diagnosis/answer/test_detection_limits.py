@@ -59,8 +59,11 @@ def test_of_a_cause_that_is_seen_and_was_not_added_it_is_said_why() -> None:
         SimpleNamespace(cause=s.cause, log_evidence=e) for s, e in ((one, 0.4), (other, 5))
     )
     begin = "seen here (p 0.001) and not added: "
+    apart, near = (SimpleNamespace(along=other.cause, passed=passed) for passed in (False, True))
     for round_, why in (
-        (round_of(object()), "the other finer mesh takes it away"),
+        (round_of(apart), "the other finer mesh takes it away"),
+        # The mean of near meshes has judged, and shows it.
+        (round_of(near), "no more causes were added"),
         (round_of(None, weak), "its refit has a log evidence of +0.4, and 1 is wanted"),
         (round_of(), "no more causes were added"),
         (round_of(None, likely), "others were more likely"),
