@@ -16,13 +16,15 @@ class Cholesky:
             then `factor`. The factor stays that of the values it was made of.
     """
 
-    def __init__(self, indptr: IntArray, indices: IntArray) -> None:
+    def __init__(self, indptr: IntArray, indices: IntArray, order: IntArray | None = None) -> None:
         """Analyse the pattern of the lower triangle.
 
         Args:
             indptr: start of each column (CSC), shape (n + 1,).
             indices: row of each entry, increasing within a column and beginning with the
                 diagonal, shape (nnz,).
+            order: in which the unknowns may be eliminated, shape (n,): taken where its factor has
+                fewer entries than that of minimum degree.
         """
         n = len(indptr) - 1
         # One buffer under both CHOLMOD's matrix and `values`, which are then copied only once.
@@ -31,7 +33,8 @@ class Cholesky:
         columns = np.repeat(np.arange(n), np.diff(indptr))
         rows = matrix(indices.astype(np.int64))
         self._matrix = spmatrix(1.0, rows, matrix(columns), (n, n))
-        self._factor = cholmod.symbolic(self._matrix)
+        own = () if order is None else (matrix(order),)
+        self._factor = cholmod.symbolic(self._matrix, *own)
 
     def factor(self) -> bool:
         """Factor `values`; whether they are positive definite, and more than by rounding."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from solver_adapters.kernels import PACKAGES, hash_of
 
 # They compile, factor, solve, and do the rest.
-LIBRARIES = ("numba", "cvxopt", "scipy", "numpy")
+LIBRARIES = ("numba", "cvxopt", "pymetis", "scipy", "numpy")
 BESIDE = (
     *(
         f"solver_adapters/{name}.py"

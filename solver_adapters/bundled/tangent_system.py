@@ -1,7 +1,8 @@
 """The linear systems of a run: assembled from the tangents of the points, solved as suits the law.
 
 Symmetric laws keep two factors, one of the last move and one of the last hold: a tangent of the
-same kind is so near that conjugate gradients need few iterations from it.
+same kind is so near that conjugate gradients need few iterations from it. Of many unknowns one is
+kept, for that saves memory and costs hardly any time.
 """
 
 from __future__ import annotations
@@ -13,10 +14,17 @@ import numpy as np
 from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.assembly import add_projected_stiffness, element_stiffness
 from solver_adapters.bundled.fem.problem import Problem
+from solver_adapters.bundled.linear.nested_dissection import elimination_order
 from solver_adapters.bundled.linear.split_matrix import RESIDUAL
 from solver_adapters.bundled.linear.symmetric import SymmetricSolver
 from solver_adapters.bundled.linear.unsymmetric import UnsymmetricSolver
 from solver_adapters.bundled.statistics import Statistics
+
+MOST_WITH_TWO = 30_000
+"""Unknowns up to which two factors are kept: of more each takes 0.15 GB and upwards.
+
+On 31 488 unknowns one factor takes the time of two, on 4 000 a twentieth to a tenth more.
+"""
 
 
 class TangentSystem:
@@ -26,12 +34,16 @@ class TangentSystem:
         self._problem = problem
         self._statistics = statistics
         pattern = problem.pattern
+        shape = pattern.indptr, pattern.indices, elimination_order(problem.cells, pattern.free)
         self._unsymmetric = problem.points.unsymmetric
-        self._skew = (
-            UnsymmetricSolver(pattern.indptr, pattern.indices) if self._unsymmetric else None
-        )
-        count = 0 if self._unsymmetric else 2
-        self._symmetric = [SymmetricSolver(pattern.indptr, pattern.indices) for _ in range(count)]
+        self._skew: UnsymmetricSolver | None = None
+        self._symmetric: tuple[SymmetricSolver, ...] = ()  # of holds and of moves
+        if self._unsymmetric:
+            self._skew = UnsymmetricSolver(*shape)
+        else:
+            of_holds = SymmetricSolver(*shape)
+            few = pattern.free.size <= MOST_WITH_TWO
+            self._symmetric = of_holds, SymmetricSolver(*shape) if few else of_holds
         self._moves = False
         # Memory that is used again, since fresh memory has to be cleared.
         self._triangles = np.empty(pattern.slots.shape)
@@ -61,7 +73,7 @@ class TangentSystem:
             self._skew.factor(values, skew)
         else:
             clock = self._statistics.clock("assembly", clock)
-            solver = self._symmetric[moves]
+            solver = self._symmetric[self._moves]
             if fresh:
                 solver.factor(values)
             else:

@@ -35,16 +35,17 @@ class UnsymmetricSolver:
     iterations: int
     fallbacks: int
 
-    def __init__(self, indptr: IntArray, indices: IntArray) -> None:
+    def __init__(self, indptr: IntArray, indices: IntArray, order: IntArray | None = None) -> None:
         """Analyse the pattern of the lower triangle, diagonal included.
 
         Args:
             indptr: start of each column (CSC), shape (n + 1,).
             indices: row of each entry, increasing within a column and beginning with the
                 diagonal, shape (nnz,).
+            order: in which the unknowns may be eliminated, as of `Cholesky`, shape (n,).
         """
         self._diagonal = indptr[:-1]
-        self._cholesky = Cholesky(indptr, indices)
+        self._cholesky = Cholesky(indptr, indices, order)
         lower, upper = np.zeros(len(indices)), np.zeros(len(indices))
         self._skew = np.zeros(len(indices))
         self._matrix = TwoTriangles(indptr, indices, lower, upper)

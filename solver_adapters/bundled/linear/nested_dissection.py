@@ -1,0 +1,38 @@
+"""The order in which unknowns are eliminated, by nested dissection of the mesh (METIS).
+
+It cuts the mesh in halves again and again and eliminates the cuts last (George, SIAM J. Numer.
+Anal. 10 (1973) 345; Karypis and Kumar, SIAM J. Sci. Comput. 20 (1998) 359). Of solids it leaves a
+factor with fewer entries than minimum degree does, the more so the more cells there are
+(benchmarks/numerics.md).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from pymetis import CSRAdjacency, nested_dissection
+
+from meshes.arrays import IntArray
+
+
+def elimination_order(cells: IntArray, free: IntArray) -> IntArray:
+    """Return a permutation of the unknowns, the one that is eliminated first before all others.
+
+    Args:
+        cells: nodes of each cell, shape (n_cells, n).
+        free: the unknowns as degrees of freedom 3·node + component, shape (n_free,).
+
+    Returns:
+        Places in `free`, shape (n_free,); those of one node follow each other.
+    """
+    nodes, node_of = np.unique(free // 3, return_inverse=True)
+    starts = np.arange(0, cells.size + 1, cells.shape[1])
+    of_cells = sp.csr_array((np.ones(cells.size), cells.ravel(), starts))
+    of_cells = of_cells[:, nodes]
+    neighbours = (of_cells.T @ of_cells).tocsr()
+    neighbours.setdiag(0.0)
+    neighbours.eliminate_zeros()
+    first, _ = nested_dissection(CSRAdjacency(neighbours.indptr, neighbours.indices))
+    place = np.empty(nodes.size, dtype=np.int64)
+    place[np.array(first, dtype=np.int64)] = np.arange(nodes.size)
+    return np.argsort(place[node_of], kind="stable")
