@@ -20,7 +20,9 @@ from benchmarks.blind_figures import show_share
 from benchmarks.blind_ruler import MOST_SCALES
 from driver.common.parallel import side_by_side
 from driver.diagnosis.answer.result_types import Diagnosis
-from driver.diagnosis.statistics.score_test import SEEN_AT
+from driver.identification.fit import Fit
+from driver.identification.objective import Objective
+from solver_adapters.parameter import Parameter
 from tools import closed_form
 from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
@@ -29,6 +31,7 @@ LEVEL = 8.0  # projected misfit of a hidden effect [σ]
 SHARE_OF_NULLS = 4  # one of the quick trials in so many
 NULLS, EFFECTS = 800, 400  # 765 nulls without a name bound false names by 0.5 %
 SEED = 7
+ITERATIONS, TOLERANCE = 12, 0.05  # with which an effect of that misfit is found
 BENCH = closed_form.problem()
 FIVE = replace(SETTINGS, refit=5)
 
@@ -127,24 +130,45 @@ def _diagnosed(hidden: dict[str, float], seed: int) -> Diagnosis:
 def _effects() -> dict[str, tuple[str, list[float]]]:
     """By cause its parameter, and the values of it that leave a misfit of `LEVEL`.
 
-    An experiment without an effect tells them. A cause that would need more prior scales than a
-    trial with the specimen may hide is not hidden here either, nor one of several parameters.
+    A value that would need more prior scales than a trial with the specimen may hide, or lies
+    beyond the bounds of a fit, is not hidden here either, nor is a cause of several parameters.
     """
     null = _diagnosed({}, SEED)
-    parameters, effects = null.objective.parameters, {}
-    for score in null.rounds[0].scores:
-        cause = score.cause
-        if len(cause.parameters) > 1 or cause.parameters[0] not in parameters:
+    objective, fitted = null.baseline_objective, null.baseline
+    effects = {}
+    for cause in (score.cause for score in null.rounds[0].scores):
+        if len(cause.parameters) > 1 or cause.parameters[0] not in objective.parameters:
             continue
-        size = LEVEL / SEEN_AT * float(score.visible[0])
-        if size > MOST_SCALES:
-            continue
-        p = parameters[cause.parameters[0]]
-        theta = size * p.width
-        sides = [theta] if cause.one_sided else [theta, -theta]
-        null_value = BENCH.truth[p.name]
-        effects[cause.name] = (p.name, [p.value(side, null_value) for side in sides])
+        p = objective.parameters[cause.parameters[0]]
+        signs = (1.0,) if cause.one_sided else (1.0, -1.0)
+        found = [_of_size(objective, fitted, p, sign) for sign in signs]
+        values = [value for value in found if value is not None]
+        if values:
+            effects[cause.name] = (p.name, values)
     return effects
+
+
+def _of_size(objective: Objective, fitted: Fit, p: Parameter, sign: float) -> float | None:
+    """Value of a parameter on one side of its null that leaves a misfit of `LEVEL`."""
+    theta, null = 0.1 * sign * p.width, BENCH.truth[p.name]
+    for _ in range(ITERATIONS):
+        value = p.value(theta, null)
+        misfit = _misfit(objective, fitted, {p.name: value})
+        if abs(misfit - LEVEL) < TOLERANCE * LEVEL:
+            return value
+        if misfit == 0.0:
+            return None
+        theta = sign * min(abs(theta) * LEVEL / misfit, MOST_SCALES * p.width)
+    return None
+
+
+def _misfit(objective: Objective, fitted: Fit, hidden: dict[str, float]) -> float:
+    """Return what an effect leaves beside the fitted parameters [σ], linear or not."""
+    model, best = objective.model, fitted.best
+    bare, other = (model.predict(BENCH.truth | values) for values in ({}, hidden))
+    change = objective.data.change(other.motion - bare.motion, other.load - bare.load)
+    shift = np.linalg.solve(best.hessian, best.jacobian @ change)
+    return float(np.linalg.norm(change - best.jacobian.T @ shift))
 
 
 if __name__ == "__main__":

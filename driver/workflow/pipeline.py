@@ -98,7 +98,7 @@ def stages(case: Case) -> Sequence[Stage]:
             reads_on=True,
         ),
         Stage("identify", "14", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
-        Stage("diagnose", "16", ("diagnosis",), run_diagnose, diagnosed_files),
+        Stage("diagnose", "17", ("diagnosis",), run_diagnose, diagnosed_files),
         Stage("advise", "1", (), run_advise),
         Stage("report", "11", _REPORT, run_report, reported_files),
     )

@@ -31,6 +31,8 @@ class Cause:
             is wrong (`finite_step_score`).
         check_always: whether it is looked at from afar also where nothing seems wrong: of a few
             prior scales neither the tests nor the scores of other causes see anything.
+        kinked: whether its effect has a kink at its null, so that the derivative there holds on
+            neither side, however near: it is looked at from beside the null.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Cause:
     odds: float = 1.0
     strongly_nonlinear: bool = False
     check_always: bool = False
+    kinked: bool = False
     label: str = ""
 
     @property
@@ -258,7 +261,7 @@ LIBRARY: tuple[Cause, ...] = (
         "load_lag", "instrument", ("load_lag",),
         "the clocks of the load cell and of the images differ",
         "a jerk of the stage that both record, or one clock for both",
-        strongly_nonlinear=True,
+        strongly_nonlinear=True, check_always=True, kinked=True,
     ),
     Cause(
         "height_scale", "instrument", ("height_scale",),

@@ -5,7 +5,9 @@ effect of a few prior scales hardly anything lies along the derivative at the nu
 do not show it there. It is scored as well by the change of the prediction from the fit to where it
 stands three prior scales off its null, on either side; where that promises something beside the
 best cause that is known, by what a refit from there gains. What puts a cause so near to its null
-that the derivative holds has nothing to say beside it.
+that the derivative holds has nothing to say beside it. Of a cause with a kink at its null it holds
+nowhere: that one is always looked at, a third of a prior scale off its null, and counts there
+however small it is.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
 from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import Refit
-from driver.diagnosis.causes.causes import NUMERICS
+from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.diagnosis.search.refit import (
     FAR,
@@ -42,6 +44,7 @@ logger = logging.getLogger(__name__)
 
 PROMISING = 0.02  # probability of one look under the null, below which a refit follows
 HOPEFUL = 0.5  # of the best log evidence of any cause so far, which a side has to promise as well
+BESIDE_A_KINK = 1.0 / 3.0  # prior scales; of a lag that is 1 s, a moment being half of one
 _SURE = 2.0  # standard deviations by which an amount is known
 _LOOKS = 3  # either side, and where a refit ends
 
@@ -115,7 +118,8 @@ def finite_step_scores(
 ) -> FiniteStepScores:
     """Score causes that bend from afar.
 
-    Those that hide come first, where their derivative does not show them; the others where
+    Those that hide come first, where their derivative does not show them or has a kink; the others
+    where
     something is wrong (the tests reject, or a cause is seen by its derivative or from afar) and
     their derivative does not make them lead. Each costs two simulations, and a refit where they
     promise something beside the best cause so far.
@@ -132,7 +136,7 @@ def finite_step_scores(
         NotRunError: a simulation was not run.
         JobError, ResultFileError: one was killed, ran out of time or left no result.
     """
-    hiding = [s for s in scores if s.cause.check_always and not _shows(s)]
+    hiding = [s for s in scores if s.cause.check_always and (s.cause.kinked or not _shows(s))]
     others = [s for s in scores if s.cause.strongly_nonlinear and not s.cause.check_always]
 
     def looked(bent: Sequence[Score], before: int, rivals: Sequence[Score]) -> list[_Look]:
@@ -196,13 +200,13 @@ def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
             end = _gained(refit, begin.score, task)
             # What the sides promise the refit has tried.
             scores = [near]
-            if abs(end.estimate[0]) > FAR[0] and refit.log_evidence > WORTH:
+            if abs(end.estimate[0]) > _least_amount(near.cause) and refit.log_evidence > WORTH:
                 refits.append(refit)
                 scores.append(end)
     best = max(scores, key=lambda s: s.log_evidence)
     limits = [one.score.visible for one in sides]
     # Near the null the derivative holds, beyond it what the weaker side shows.
-    if limits and near.visible[0] > FAR[0]:
+    if limits and near.visible[0] > _least_amount(near.cause):
         best = replace(best, visible=np.max(limits, axis=0))
     # What is seen is not smaller than what is visible, though one side shows less than the other.
     if best.p < NAMING_LEVEL:
@@ -212,7 +216,12 @@ def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
 
 def _may_be_far(side: Score) -> bool:
     """Whether it leaves the cause where its derivative does not hold."""
-    return bool(np.abs(side.estimate[0]) + _SURE * side.sigma[0] > FAR[0])
+    return bool(np.abs(side.estimate[0]) + _SURE * side.sigma[0] > _least_amount(side.cause))
+
+
+def _least_amount(cause: Cause) -> float:
+    """Prior scales within which the derivative at the null holds."""
+    return 0.0 if cause.kinked else FAR[0]
 
 
 def _scored(task: _Task, at: Evaluation, amount: float) -> _Side:
@@ -265,5 +274,6 @@ def _sides(near: Score, here: Fit, extended: Objective) -> list[tuple[Evaluation
         at = extended.compare(prediction, values, ())
         return at, float(amounts_of(near.cause.parameters, values, extended)[0])
 
-    both = side_by_side(side, (FAR[-1], -FAR[-1]), 1)
+    step = BESIDE_A_KINK if near.cause.kinked else FAR[-1]
+    both = side_by_side(side, (step, -step), 1)
     return [end for end in both if end is not None]

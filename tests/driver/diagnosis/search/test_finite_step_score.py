@@ -76,11 +76,21 @@ class Examined:
 
 def examined(truth: float, solver: type[Bent] = Bent, seed: int = 0) -> Examined:
     """A fit to data in which a non-Schmid stress is hidden, and its scores."""
+    return scored(as_others(truth), WANTED, solver, seed)
+
+
+def scored(
+    hidden: dict[str, float],
+    wanted: Sequence[str],
+    solver: type[ClosedFormSolver] = ClosedFormSolver,
+    seed: int = 0,
+) -> Examined:
+    """A fit to data in which something is hidden, and the scores of some causes."""
     problem = closed_form.problem()
-    objective = closed_form.objective(problem, problem.truth | as_others(truth), seed)
+    objective = closed_form.objective(problem, problem.truth | hidden, seed)
     objective, fitted = identified(problem, objective)
     objective = replace(objective, model=replace(objective.model, adapter=solver()))
-    candidates, names = screened(objective.model, fitted.best.free, WANTED)
+    candidates, names = screened(objective.model, fitted.best.free, wanted)
     augmented = objective.evaluate(fitted.values, names)
     effects = effects_of(candidates, augmented, objective.parameters)
     scores, _ = screen(fitted, objective, candidates, effects, SETTINGS.sizes)
@@ -291,6 +301,31 @@ def test_a_model_that_is_right_gets_nothing_from_afar(seed: int) -> None:
     found = look(examined(0.0, seed=seed))
     assert all(s.p >= NAMING_LEVEL for s in found.scores)
     assert not found.refits
+
+
+BESIDE_LAG = ("load_lag", "section_depth", "load_offset")
+
+
+def test_a_lag_into_the_holds_is_found_though_its_derivative_shows_another_cause() -> None:
+    """The load relaxes in a hold, and rises after it: the derivative is the mean of both rates."""
+    hidden = scored({"load_lag": -0.65}, BESIDE_LAG)
+    assert hidden.scores[0].cause.name == "section_depth"
+    found = look(hidden)
+    lag = found.scores[0]
+    assert lag.cause.name == "load_lag" and lag.p < NAMING_LEVEL
+    (refit,) = found.refits
+    sigma = refit.fit.sigma("load_lag", hidden.objective.parameters)
+    assert abs(refit.fit.values["load_lag"] + 0.65) < 3 * sigma
+
+
+def test_what_would_have_been_seen_of_a_lag_is_seen_on_the_side_that_shows_less() -> None:
+    right = scored({}, BESIDE_LAG)
+    lag = _of(look(right).scores, "load_lag")
+    assert lag.p > NAMING_LEVEL
+    hidden = scored({"load_lag": float(-3.0 * lag.visible[0])}, BESIDE_LAG)
+    seen = _of(look(hidden).scores, "load_lag").statistic
+    assert seen == pytest.approx(4.5**2, rel=0.2)
+    assert _of(hidden.scores, "load_lag").statistic < 0.5 * seen
 
 
 def test_a_side_that_cannot_be_simulated_is_told_and_the_other_is_looked_at(
