@@ -24,6 +24,7 @@ from scipy.sparse.linalg import splu
 
 from meshes.arrays import FloatArray, IntArray
 from meshes.gmsh_library import running_gmsh
+from solver_adapters.bundled.linear.nested_dissection import elimination_order
 from solver_adapters.bundled.linear.symmetric import SymmetricSolver
 
 try:
@@ -37,6 +38,7 @@ except ImportError:
 
 CUBIC = (233.5e3, 135.5e3, 118e3)
 MESH_SIZES = (1.4, 1.0, 0.62, 0.43)
+SMALLEST = 0.28  # µm, of the comparison of orders alone
 N_RHS = 24
 
 
@@ -95,10 +97,15 @@ def stiffness(points: FloatArray, cells: IntArray, cubic: tuple[float, float, fl
     dofs = (3 * cells[:, :, None] + np.arange(3)).reshape(-1, 30)
     rows, columns = np.repeat(dofs, 30, axis=1).ravel(), np.tile(dofs, (1, 30)).ravel()
     full = sp.coo_array((local.ravel(), (rows, columns)), shape=(points.size, points.size)).tocsc()
-    free = np.flatnonzero(np.repeat(np.abs(points[:, 1] - 6) < 6 - 1e-9, 3))
+    free = unknowns(points)
     lower = sp.csc_array(sp.tril(full[free][:, free]))
     lower.sort_indices()
     return lower
+
+
+def unknowns(points: FloatArray) -> IntArray:
+    """Degrees of freedom 3·node + component that lie on neither end face."""
+    return np.flatnonzero(np.repeat(np.abs(points[:, 1] - 6) < 6 - 1e-9, 3))
 
 
 def _symmetric(lower: Any) -> Any:
@@ -138,19 +145,20 @@ class Prismid:
 
 
 class Cvxopt:
-    """CHOLMOD in cvxopt: supernodal L·Lᵀ, AMD ordering, values set in a kept pattern."""
+    """CHOLMOD in cvxopt: supernodal L·Lᵀ, AMD or a given order, values set in a kept pattern."""
 
-    def __init__(self, lower: Any) -> None:
+    def __init__(self, lower: Any, order: IntArray | None = None) -> None:
         n = lower.shape[0]
         columns = np.repeat(np.arange(n), np.diff(lower.indptr))
         rows = matrix(lower.indices.astype(np.int64))
         self.values = matrix(lower.data)
         self.matrix = spmatrix(1.0, rows, matrix(columns), (n, n))
+        self.order = () if order is None else (matrix(order),)
         self.symbolic()
 
     def symbolic(self) -> None:
         """Analyse."""
-        self.factors = cholmod.symbolic(self.matrix)
+        self.factors = cholmod.symbolic(self.matrix, *self.order)
 
     def factor(self) -> None:
         """Set the values and factor."""
@@ -300,6 +308,24 @@ def linear_solvers(quick: bool) -> None:
             print(f"factor {name} / cvxopt = {elapsed / factor_times['cvxopt']:.1f}")
 
 
+def orders(quick: bool) -> None:
+    """Compare entries of the factor, and its time, by minimum degree and by nested dissection."""
+    for size in MESH_SIZES[:2] if quick else (*MESH_SIZES, SMALLEST):
+        points, cells = prism(size)
+        lower, free = stiffness(points, cells, CUBIC), unknowns(points)
+        print(f"\n# {len(cells)} tets, {free.size} unknowns")
+        dissected = _milliseconds(partial(elimination_order, cells, free), 3)
+        print(f"order of elimination by nested dissection [ms] = {dissected:.1f}")
+        for name, order in (
+            ("minimum degree", None),
+            ("nested dissection", elimination_order(cells, free)),
+        ):
+            solver = Cvxopt(lower, order)
+            elapsed = _milliseconds(solver.factor, 3)
+            entries = len(cholmod.getfactor(solver.factors)) / 1e6
+            print(f"factor by {name} [ms] = {elapsed:.1f}, entries [millions] = {entries:.2f}")
+
+
 def cholmod_and_threads(quick: bool) -> None:
     """Whether a factorisation lets other Python threads run, and whether it uses more than one."""
     solver = Cvxopt(stiffness(*prism(MESH_SIZES[1 if quick else 2]), CUBIC))
@@ -354,6 +380,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="two small meshes, few repeats")
     quick = parser.parse_args().quick
     linear_solvers(quick)
+    orders(quick)
     cholmod_and_threads(quick)
     attainable_residual()
     return 0

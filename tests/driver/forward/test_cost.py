@@ -37,7 +37,7 @@ def test_more_slip_systems_take_more_time_and_memory() -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the peak stands in /proc")
-@pytest.mark.parametrize(("kind", "size"), [("hex20", 0.667), ("tet10", 0.6)])
+@pytest.mark.parametrize(("kind", "size"), [("hex20", 0.667), ("tet10", 0.6), ("tet10", 0.5)])
 def test_the_memory_of_a_large_mesh_is_known_before(kind: CellKind, size: float) -> None:
     """Beside the libraries it is that of the matrix and its factor."""
     command = [sys.executable, "-m", "tests.driver.forward.peak_memory", kind, str(size)]
