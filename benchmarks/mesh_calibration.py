@@ -4,7 +4,7 @@
 
 Each draw is the blind trial's specimen with other orientations of both grains and another law. Its
 converged prediction is the mean of hexahedra and tetrahedra, as of `benchmarks.numerics`, in the
-same steps, so that the mesh is all that is wrong. Ten draws take about an hour of one core.
+same steps, so that the mesh is all that is wrong. Ten draws take 70 CPU-min.
 """
 
 from __future__ import annotations
