@@ -9,6 +9,7 @@ import pytest
 from scipy.linalg import solve
 
 from meshes.arrays import FloatArray
+from solver_adapters.bundled import tangent_system
 from solver_adapters.bundled.fem.assembly import displacement_gradients, element_forces
 from solver_adapters.bundled.fem.problem import Problem, build_problem
 from solver_adapters.bundled.statistics import Statistics
@@ -67,9 +68,13 @@ def test_solutions_are_those_of_the_dense_stiffness(law: str, kind: str) -> None
         np.testing.assert_allclose(found, exact, atol=1e-8 * abs(exact).max())
 
 
+@pytest.mark.parametrize("most_with_two", [0, tangent_system.MOST_WITH_TWO])
 @pytest.mark.parametrize("fresh", [True, False])
-def test_the_last_tangent_counts_whatever_was_factored_before(fresh: bool) -> None:
+def test_the_last_tangent_counts_whatever_was_factored_before(
+    fresh: bool, most_with_two: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Moves and holds in turn, with old factors or new ones, each time another matrix."""
+    monkeypatch.setattr(tangent_system, "MOST_WITH_TWO", most_with_two)
     problem = _problem("symmetric", "tet10")
     system = TangentSystem(problem, Statistics())
     rhs = np.random.default_rng(1).normal(size=problem.pattern.free.size)
