@@ -21,7 +21,7 @@ from driver.batch.requests import requests_of_campaign
 from driver.batch.summary import write_summary
 from driver.batch.workers import Workers, of_scheduler, of_this_machine
 from driver.case.consent import refuse_unless_agreed
-from driver.case.scheduler import LOST
+from driver.case.scheduler import lost_with_workers
 from driver.common import machine
 from driver.common.errors import InputError, sentence, why
 from driver.common.formatting import cost_told, duration
@@ -202,9 +202,9 @@ def _ended(job: Job, future: Future[Outcome], workers: Workers, file: Path) -> S
         outcome = Outcome("failed", sentence(place, "file", why(error), "one to be written"), 0.0)
     except Exception as error:
         # Whatever a cluster says of a worker that it cannot use.
-        told = f"{type(error).__name__}: {error}"
-        lost = getattr(error, "allowed_failures", None)  # as Dask has it
-        outcome = Outcome("failed", told if lost is None else LOST.format(lost + 1), 0.0)
+        lost = lost_with_workers(error, workers.said)
+        told = lost or f"{type(error).__name__}: {error}"
+        outcome = Outcome("failed", told, 0.0)
     state = State(job, outcome.status, outcome.seconds, words=outcome.why)
     reason = f": {outcome.why}" if outcome.why else ""
     logger.info(f"{job.name}: {outcome.status} after {duration(outcome.seconds)}{reason}")

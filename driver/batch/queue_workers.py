@@ -29,6 +29,7 @@ OF_WORKER = 0.5e9
 """Memory of a worker beside that of its case [bytes]."""
 _SILENT = 150.0  # s after which a job that has begun and has brought no worker brings none
 _NAME = "prismid"
+_WORDS = " (what they said is in {})"
 _KEYS = ".dask-jobqueue.*"  # files by which workers and scheduler know each other
 
 
@@ -110,6 +111,7 @@ def of_queue(queue: Queue, most: int, cores: int, memory: float, file: Path) -> 
             "cluster",
             carry_out_on_worker,
             _refuse_none(cluster, refused, folder, file),
+            _WORDS.format(folder),
         )
 
 
@@ -211,8 +213,8 @@ def _refuse_none(cluster: Any, refused: list[str], folder: Path, file: Path) -> 
                 sentence(
                     file,
                     "cluster",
-                    f"jobs {', '.join(ids)} that have begun and brought no worker (what they said "
-                    f"is in {folder})",
+                    f"jobs {', '.join(ids)} that have begun and brought no worker"
+                    + _WORDS.format(folder),
                     "nodes that reach this machine, over cluster.interface if need be, and have "
                     "its files",
                 )

@@ -24,6 +24,7 @@ class Workers:
         key: of the campaign, which says where.
         work: what they do with a job, its threads and the token.
         refuse_none: raises InputError where none of them can come any more.
+        said: where what they have said stands, in words to end a clause, if that is known.
     """
 
     executor: Executor
@@ -32,6 +33,7 @@ class Workers:
     key: str = "execution"
     work: Callable[[Job, int, Path], Outcome] = carry_out
     refuse_none: Callable[[], None] = lambda: None
+    said: str = ""
 
 
 @contextmanager

@@ -16,12 +16,6 @@ from solver_adapters.tasks import elsewhere
 KEY = "execution.scheduler"
 """The key that names it, of a case or of a campaign."""
 
-LOST = (
-    "lost with each worker that was at work on it, {} in all, most likely for want of memory or "
-    "of time; run again to go on"
-)
-"""What becomes of a task that takes its workers down."""
-
 _PATIENCE = 10  # s, for the scheduler and its first worker
 
 
@@ -92,9 +86,25 @@ def on_workers(case: Case) -> Iterator[None]:
             expected = "a scheduler that lives; run again to go on"
             raise InputError(sentence(case.file, KEY, found, expected)) from None
         except Exception as error:
-            lost = getattr(error, "allowed_failures", None)  # as Dask has it
+            lost = lost_with_workers(error)
             if lost is None:
                 raise
-            found = f"a task that was {LOST.format(lost + 1)}"
+            found = f"a task that was {lost}"
             expected = "workers with the memory of a simulation, as `check` estimates it"
             raise InputError(sentence(case.file, KEY, found, expected)) from None
+
+
+def lost_with_workers(error: Exception, said: str = "") -> str | None:
+    """Return what has become of a task that took its workers down, None where it did not.
+
+    Args:
+        error: what the scheduler says of the task.
+        said: where what its workers have said stands, in words to end a clause.
+    """
+    failures = getattr(error, "allowed_failures", None)  # as Dask has it
+    if failures is None:
+        return None
+    return (
+        f"lost with each worker that was at work on it, {failures + 1} in all, most likely for "
+        f"want of memory or of time{said}; run again to go on"
+    )

@@ -6,10 +6,9 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 import psutil
@@ -17,6 +16,7 @@ import pytest
 
 from solver_adapters.kernels import PACKAGES
 from tests.driver.batch.cases import agreed, rows, write_small_case
+from tests.driver.batch.queue_commands import SOON_SILENT, command, left
 from tests.driver.batch.seen_calls import SeenCalls
 from tests.support.slurm import missing, slurm
 
@@ -52,38 +52,12 @@ def variables() -> Iterator[dict[str, str]]:
         yield {**os.environ, **found, "PYTHONPATH": str(PACKAGES)}
 
 
-def command(
-    file: Path, variables: Mapping[str, str], program: Sequence[str] = ("-m", "driver.cli")
-) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, *program, "batch", str(file)],
-        env=variables,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-
-
 def queued(variables: Mapping[str, str]) -> list[str]:
     told = subprocess.run(
         ["squeue", "--noheader", "--format=%i %T"], env=variables, capture_output=True, text=True,
         check=True,
     )  # fmt: skip
     return told.stdout.splitlines()
-
-
-def left(file: Path, variables: Mapping[str, str]) -> list[str]:
-    """Jobs in the queue, and workers and calls of a campaign that live: in the end none."""
-    found = ["first look"]
-    late = time.monotonic() + 60.0
-    while found and time.monotonic() < late:
-        time.sleep(0.1)
-        found = queued(variables)
-        for process in psutil.process_iter():
-            with suppress(psutil.Error):
-                found += [word for word in process.cmdline() if str(file.parent) in word]
-    return found
 
 
 def test_cases_run_in_jobs_of_slurm_and_one_whose_job_is_cancelled_goes_on_in_another(
@@ -106,7 +80,7 @@ def test_cases_run_in_jobs_of_slurm_and_one_whose_job_is_cancelled_goes_on_in_an
     assert {row["status"] for row in rows(file).values()} == {"done"}
     (first, again), (other,) = calls.of_case.values()
     assert first.isdecimal() and first != again == other
-    assert left(file, variables) == []
+    assert left(file, partial(queued, variables)) == []
     kept = {path.suffix for path in (file.with_suffix(".batch") / "workers").iterdir()}
     assert kept == {".out", ".err"}  # no keys of the scheduler
 
@@ -131,14 +105,31 @@ def test_ctrl_c_takes_back_all_jobs_those_that_wait_too(
         _, complaints = run[0].communicate(timeout=300)
     assert run[0].returncode == 130
     assert complaints == "prismid: stopped; finished stages are kept, run again to go on\n"
-    assert left(file, variables) == []
+    assert left(file, partial(queued, variables)) == []
+
+
+def test_a_case_that_has_lost_its_workers_is_told_with_the_folder_of_what_they_said(
+    file: Path, variables: dict[str, str]
+) -> None:
+    """They may well have died of something else than want of memory or of time."""
+    once = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
+    file.write_text(STUDY.replace("9.0, 10.0, ", ""), encoding="utf-8")
+    with SeenCalls(file, lambda process, before: psutil.Process(process.ppid()).kill()):
+        run = command(file, variables | once)
+        run.communicate(timeout=300)
+    assert run.returncode == 1 and left(file, partial(queued, variables)) == []
+    (row,) = rows(file).values()
+    assert row["why"] == (
+        "lost with each worker that was at work on it, 1 in all, most likely for want of memory or "
+        f"of time (what they said is in {file.with_suffix('.batch')}/workers); run again to go on"
+    )
 
 
 def test_what_slurm_refuses_is_told_in_its_words(file: Path, variables: dict[str, str]) -> None:
     file.write_text(STUDY + 'queue = "nowhere"\n', encoding="utf-8")
     run = command(file, variables)
     _, complaints = run.communicate(timeout=300)
-    assert run.returncode == 1 and left(file, variables) == []
+    assert run.returncode == 1 and left(file, partial(queued, variables)) == []
     assert complaints == (
         f"prismid: {file}: cluster: found “sbatch: error: invalid partition specified: nowhere; "
         "sbatch: error: Batch job submission failed: Invalid partition name specified”, expected "
@@ -150,13 +141,9 @@ def test_jobs_that_bring_no_worker_are_told(file: Path, variables: dict[str, str
     """As where nodes do not reach the machine of the command: it waited for ever."""
     file.write_text(STUDY + 'job_script_prologue = ["exit 1"]\n', encoding="utf-8")
     variables = variables | agreed(file)
-    soon = (
-        "from driver.batch import queue_workers; queue_workers._SILENT = 1.0; "
-        "from driver.cli import app; app()"
-    )
-    run = command(file, variables, ("-c", soon))
+    run = command(file, variables, SOON_SILENT)
     _, complaints = run.communicate(timeout=300)
-    assert run.returncode == 1 and left(file, variables) == []
+    assert run.returncode == 1 and left(file, partial(queued, variables)) == []
     said = r"cluster: found jobs \d+, \d+, \d+ that have begun and brought no worker \(what they"
     assert re.match(rf"prismid: {re.escape(str(file))}: {said} said is in .*workers", complaints)
     assert complaints.count("\n") == 1
