@@ -18,7 +18,7 @@ class SeenCalls:
         act: is called with each of them, and how many were before.
 
     Attributes:
-        of_case: calls by the folder of their case, with the number of their job of Slurm.
+        of_case: calls by the folder of their case, with the name of their job of Slurm or PBS.
         all: the processes.
     """
 
@@ -48,7 +48,8 @@ class SeenCalls:
             return
         place = next((Path(word) for word in call if word.startswith(self._above)), None)
         if place is not None:
-            job = process.environ().get("SLURM_JOB_ID", "none")
+            named = process.environ()
+            job = named.get("SLURM_JOB_ID", named.get("PBS_JOBID", "none"))
             self.all.append(process)
             self.of_case.setdefault(place.parent.name, []).append(job)
             self._act(process, len(self.all) - 1)

@@ -1,4 +1,4 @@
-"""What queue systems are asked for; tests/driver/batch/test_slurm.py asks a real one."""
+"""What queue systems are asked for; test_slurm.py and test_pbs.py, beside this, ask real ones."""
 
 from __future__ import annotations
 
