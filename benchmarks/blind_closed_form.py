@@ -8,7 +8,6 @@ Diagnosis and fits are the real ones; mesh, time steps and correlation have no p
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +17,7 @@ import numpy as np
 
 from benchmarks.blind_figures import show_share
 from benchmarks.blind_ruler import MOST_SCALES
+from driver.common import machine
 from driver.common.parallel import side_by_side
 from driver.diagnosis.answer.result_types import Diagnosis
 from driver.identification.fit import Fit
@@ -60,7 +60,7 @@ class Outcome:
 def main() -> None:
     """Run all trials and print their figures."""
     tasks = [*(("null", k) for k in range(NULLS)), *(("effect", k) for k in range(EFFECTS))]
-    _show(side_by_side(trial, tasks, os.cpu_count() or 1))
+    _show(side_by_side(trial, tasks, machine.cores()))
 
 
 def quick() -> None:
@@ -79,7 +79,6 @@ def trial(task: tuple[str, int]) -> Outcome:
     Args:
         task: "null" or "effect", and a number.
     """
-    began = time.process_time()
     kind, index = task
     rng = np.random.default_rng([SEED, kind == "effect", index])
     cause, hidden = "", {}
@@ -88,6 +87,7 @@ def trial(task: tuple[str, int]) -> Outcome:
         cause = str(rng.choice(list(of_size)))
         parameter, sides = of_size[cause]
         hidden = {parameter: float(rng.choice(sides))}
+    began = time.process_time()
     found = _diagnosed(hidden, int(rng.integers(2**31)))
     statistics = {s.cause.name: s.statistic for s in found.rounds[0].scores}
     return Outcome(
@@ -130,8 +130,8 @@ def _diagnosed(hidden: dict[str, float], seed: int) -> Diagnosis:
 def _effects() -> dict[str, tuple[str, list[float]]]:
     """By cause its parameter, and the values of it that leave a misfit of `LEVEL`.
 
-    A value that would need more prior scales than a trial with the specimen may hide, or lies
-    beyond the bounds of a fit, is not hidden here either, nor is a cause of several parameters.
+    A value that would need more prior scales than a trial with the specimen may hide, or that
+    bounds keep from that size, is not hidden here either, nor is a cause of several parameters.
     """
     null = _diagnosed({}, SEED)
     objective, fitted = null.baseline_objective, null.baseline

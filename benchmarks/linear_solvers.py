@@ -318,7 +318,7 @@ def orders(quick: bool) -> None:
         print(f"order of elimination by nested dissection [ms] = {dissected:.1f}")
         for name, order in (
             ("minimum degree", None),
-            ("nested dissection", elimination_order(cells, free)),
+            ("the better of it and nested dissection", elimination_order(cells, free)),
         ):
             solver = Cvxopt(lower, order)
             elapsed = _milliseconds(solver.factor, 3)

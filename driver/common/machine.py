@@ -10,7 +10,7 @@ from pathlib import Path
 _LIMIT = Path("/sys/fs/cgroup/memory.max")
 _PROCESSORS = Path("/proc/cpuinfo")
 # Libraries whose versions may change the last digits of a result.
-_LIBRARIES = ("numpy", "scipy", "numba", "cvxopt", "gmsh")
+_LIBRARIES = ("numpy", "scipy", "numba", "cvxopt", "pymetis", "gmsh")
 
 
 def cores() -> int:

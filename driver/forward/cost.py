@@ -34,11 +34,11 @@ _DIRECTION_SHARE = 0.05
 # Libraries of one process [bytes].
 PROCESS_BYTES = 330e6
 
-# Matrix, its two factors and what assembles them: growing with the power 4/3 of the cells. From so
-# many cells on one factor is kept, and a third less. Measured on bars of 1590 to 13 429 tetrahedra
-# and 320 to 2560 hexahedra, told within 10 %.
+# Matrix, its two factors and what assembles them: growing with the power 4/3 of the cells. Measured
+# on bars of 1590 to 13 429 tetrahedra and 320 to 1080 hexahedra, told within 10 %.
 _MATRIX_BYTES: Mapping[CellKind, float] = MappingProxyType({"tet10": 4.7e3, "hex20": 31e3})
 _MATRIX_POWER = 4 / 3
+# Cells of about `MOST_WITH_TWO` unknowns of the bundled solver: from there on one factor is kept.
 _ONE_FACTOR_FROM: Mapping[CellKind, int] = MappingProxyType({"tet10": 6000, "hex20": 2100})
 _WITH_ONE_FACTOR = 0.65
 

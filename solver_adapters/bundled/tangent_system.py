@@ -23,7 +23,7 @@ from solver_adapters.bundled.statistics import Statistics
 MOST_WITH_TWO = 30_000
 """Unknowns up to which two factors are kept: of more each takes 0.15 GB and upwards.
 
-On 31 488 unknowns one factor takes the time of two, on 4 000 a twentieth to a tenth more.
+On 31 488 unknowns a run with one takes as long as with two, on 4 000 a twentieth to a tenth longer.
 """
 
 

@@ -30,7 +30,8 @@ class Cause:
             from its null than near it, so that it is looked at from afar as well where something
             is wrong (`finite_step_score`).
         check_always: whether it is looked at from afar also where nothing seems wrong: of a few
-            prior scales neither the tests nor the scores of other causes see anything.
+            prior scales neither the tests nor the scores of other causes see anything, or the
+            derivative misleads (`kinked`).
         kinked: whether its effect has a kink at its null, so that the derivative there holds on
             neither side, however near: it is looked at from beside the null.
     """

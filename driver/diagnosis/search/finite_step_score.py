@@ -44,7 +44,8 @@ logger = logging.getLogger(__name__)
 
 PROMISING = 0.02  # probability of one look under the null, below which a refit follows
 HOPEFUL = 0.5  # of the best log evidence of any cause so far, which a side has to promise as well
-BESIDE_A_KINK = 1.0 / 3.0  # prior scales; of a lag that is 1 s, a moment being half of one
+BESIDE_A_KINK = 1.0 / 3.0
+"""Prior scales: of a lag 1 s, beyond the half second in which its rate changes (`load_at`)."""
 _SURE = 2.0  # standard deviations by which an amount is known
 _LOOKS = 3  # either side, and where a refit ends
 
@@ -118,11 +119,10 @@ def finite_step_scores(
 ) -> FiniteStepScores:
     """Score causes that bend from afar.
 
-    Those that hide come first, where their derivative does not show them or has a kink; the others
-    where
-    something is wrong (the tests reject, or a cause is seen by its derivative or from afar) and
-    their derivative does not make them lead. Each costs two simulations, and a refit where they
-    promise something beside the best cause so far.
+    Those that hide come first, where their derivative does not show them or has a kink. The others
+    come where something is wrong (the tests reject, or a cause is seen by its derivative or from
+    afar) and their derivative does not make them lead. Each costs two simulations, and a refit
+    where they promise something beside the best cause so far.
 
     Args:
         scores: of all causes, to first order.
@@ -188,7 +188,9 @@ def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
         and _may_be_far(one.score)
         and chi2_sf(one.score.statistic, one.score.degrees) < PROMISING
     ]
-    scores = [near, *(one.score for one in promising)]
+    # Of a kink the derivative is that of neither side.
+    bare = _not_seen(near, sides) if near.cause.kinked and sides else near
+    scores = [bare, *(one.score for one in promising)]
     refits: list[Refit] = []
     worth = [one for one in promising if one.score.log_evidence > task.least]
     if worth:
@@ -199,19 +201,31 @@ def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
         for refit in refit_from([start], Executor(1, 1)):
             end = _gained(refit, begin.score, task)
             # What the sides promise the refit has tried.
-            scores = [near]
+            scores = [bare]
             if abs(end.estimate[0]) > _least_amount(near.cause) and refit.log_evidence > WORTH:
                 refits.append(refit)
                 scores.append(end)
     best = max(scores, key=lambda s: s.log_evidence)
     limits = [one.score.visible for one in sides]
-    # Near the null the derivative holds, beyond it what the weaker side shows.
+    # Near the null the derivative holds unless it has a kink, beyond it what the weaker side shows.
     if limits and near.visible[0] > _least_amount(near.cause):
         best = replace(best, visible=np.max(limits, axis=0))
     # What is seen is not smaller than what is visible, though one side shows less than the other.
     if best.p < NAMING_LEVEL:
         best = replace(best, visible=np.minimum(best.visible, np.abs(best.estimate)))
     return best, refits
+
+
+def _not_seen(near: Score, sides: Sequence[_Side]) -> Score:
+    """Return the score of a cause that neither side shows."""
+    return replace(
+        near,
+        statistic=0.0,
+        p=1.0,
+        log_evidence=min(one.score.log_evidence for one in sides),
+        estimate=np.zeros_like(near.estimate),
+        components=np.zeros_like(near.components),
+    )
 
 
 def _may_be_far(side: Score) -> bool:

@@ -25,9 +25,12 @@ def elimination_order(cells: IntArray, free: IntArray) -> IntArray:
     Returns:
         Places in `free`, shape (n_free,); those of one node follow each other.
     """
+    if free.size == 0:
+        return np.empty(0, dtype=np.int64)  # METIS would end the process
     nodes, node_of = np.unique(free // 3, return_inverse=True)
     starts = np.arange(0, cells.size + 1, cells.shape[1])
-    of_cells = sp.csr_array((np.ones(cells.size), cells.ravel(), starts))
+    shape = len(cells), max(cells.max(), nodes.max()) + 1
+    of_cells = sp.csr_array((np.ones(cells.size), cells.ravel(), starts), shape)
     of_cells = of_cells[:, nodes]
     neighbours = (of_cells.T @ of_cells).tocsr()
     neighbours.setdiag(0.0)

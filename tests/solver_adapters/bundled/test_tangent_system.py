@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy.linalg import solve
 
-from meshes.arrays import FloatArray
+from meshes.arrays import FloatArray, IntArray
 from solver_adapters.bundled import tangent_system
 from solver_adapters.bundled.fem.assembly import displacement_gradients, element_forces
 from solver_adapters.bundled.fem.problem import Problem, build_problem
+from solver_adapters.bundled.linear.symmetric import SymmetricSolver
 from solver_adapters.bundled.statistics import Statistics
 from solver_adapters.bundled.tangent_system import TangentSystem
 from solver_adapters.material import Material, StrainMeasure
@@ -66,6 +67,22 @@ def test_solutions_are_those_of_the_dense_stiffness(law: str, kind: str) -> None
     expected = solve(_dense(problem, C), rhs)
     for found, exact in ((system.solve(rhs), expected), (system.solve(rhs[:, 0]), expected[:, 0])):
         np.testing.assert_allclose(found, exact, atol=1e-8 * abs(exact).max())
+
+
+@pytest.mark.parametrize(("most_with_two", "count"), [(0, 1), (10**9, 2)])
+def test_of_many_unknowns_one_factor_is_kept(
+    most_with_two: int, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+
+    def solver(*shape: IntArray) -> SymmetricSolver:
+        made.append(shape)
+        return SymmetricSolver(*shape)
+
+    monkeypatch.setattr(tangent_system, "MOST_WITH_TWO", most_with_two)
+    monkeypatch.setattr(tangent_system, "SymmetricSolver", solver)
+    TangentSystem(_problem("symmetric", "tet10"), Statistics())
+    assert len(made) == count
 
 
 @pytest.mark.parametrize("most_with_two", [0, tangent_system.MOST_WITH_TWO])

@@ -318,6 +318,13 @@ def test_a_lag_into_the_holds_is_found_though_its_derivative_shows_another_cause
     assert abs(refit.fit.values["load_lag"] + 0.65) < 3 * sigma
 
 
+def test_a_derivative_at_a_kink_counts_for_neither_side() -> None:
+    right = scored({}, BESIDE_LAG)
+    near = replace(_of(right.scores, "load_lag"), p=1e-9, log_evidence=50.0)
+    lag = _of(look(with_scores(right, near)).scores, "load_lag")
+    assert lag.p == 1.0 and lag.statistic == 0.0 and lag.log_evidence < 0.0
+
+
 def test_what_would_have_been_seen_of_a_lag_is_seen_on_the_side_that_shows_less() -> None:
     right = scored({}, BESIDE_LAG)
     lag = _of(look(right).scores, "load_lag")

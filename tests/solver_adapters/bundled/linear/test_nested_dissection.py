@@ -40,6 +40,24 @@ def test_every_unknown_is_eliminated_once_beside_those_of_its_node(mesh: PrismMe
     np.testing.assert_array_equal(order, elimination_order(mesh.cells, pattern.free))
 
 
+@pytest.mark.parametrize("free", [[], [4], [0, 1, 2], [0, 12, 13], [0, 18]])
+def test_few_unknowns_or_none_have_an_order(free: list[int]) -> None:
+    """None, one, those of one node, of two that share no cell, and of one that is in no cell."""
+    cells = np.array([[0, 1, 2, 3], [4, 1, 2, 3]])
+    order = elimination_order(cells, np.array(free, dtype=np.int64))
+    np.testing.assert_array_equal(np.sort(order), np.arange(len(free)))
+
+
+def test_an_order_that_fills_more_than_minimum_degree_is_not_taken() -> None:
+    mesh = hex_box((3, 5, 3))
+    pattern = _pattern(mesh.cells, len(mesh.points))
+    entries = [
+        _entries(pattern, *order)
+        for order in ((), (matrix(np.random.default_rng(0).permutation(pattern.free.size)),))
+    ]
+    assert entries[1] == entries[0]
+
+
 def test_a_solution_does_not_hang_on_the_order_of_elimination() -> None:
     mesh = hex_box((6, 12, 6))
     pattern = _pattern(mesh.cells, len(mesh.points))
