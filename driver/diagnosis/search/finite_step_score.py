@@ -6,8 +6,8 @@ do not show it there. It is scored as well by the change of the prediction from 
 stands three prior scales off its null, on either side; where that promises something beside the
 best cause that is known, by what a refit from there gains. What puts a cause so near to its null
 that the derivative holds has nothing to say beside it. Of a cause with a kink at its null it holds
-nowhere: that one is always looked at, a third of a prior scale off its null, and counts there
-however small it is.
+nowhere: that one is always looked at, a third of a prior scale off its null as well, and counts
+there however small it is.
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ BESIDE_A_KINK = 1.0 / 3.0
 """Prior scales: of a lag 1 s, beyond the half second in which its rate changes (`load_at`)."""
 _SURE = 2.0  # standard deviations by which an amount is known
 _LOOKS = 3  # either side, and where a refit ends
+_MORE_OF_A_KINK = 2  # either side once more
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +141,7 @@ def finite_step_scores(
     others = [s for s in scores if s.cause.strongly_nonlinear and not s.cause.check_always]
 
     def looked(bent: Sequence[Score], before: int, rivals: Sequence[Score]) -> list[_Look]:
-        family = len(scores) + _LOOKS * (before + len(bent))
+        family = len(scores) + before + _tries(bent)
         least = max([WORTH, *(HOPEFUL * s.log_evidence for s in rivals)])
         tasks = [_Task(near, here, objective, family, variance, least) for near in bent]
         if tasks:
@@ -158,10 +159,15 @@ def finite_step_scores(
     if not accepted or any(s.p < NAMING_LEVEL for s in seen):
         leader = max(seen, key=lambda s: s.log_evidence, default=None)
         rest = [s for s in others if not (s is leader and _shows(s))]
-        looks += looked(rest, len(hiding), _of_the_mean(seen))
+        looks += looked(rest, _tries(hiding), _of_the_mean(seen))
     best = {s.cause.name: s for s in (*scores, *(look.score for look in looks))}
     refits = [refit for look in looks for refit in look.refits]
     return FiniteStepScores(sorted(best.values(), key=lambda s: -s.log_evidence), refits)
+
+
+def _tries(bent: Sequence[Score]) -> int:
+    """How many tries the looks at some causes are."""
+    return sum(_LOOKS + (_MORE_OF_A_KINK if s.cause.kinked else 0) for s in bent)
 
 
 def _of_the_mean(scores: Sequence[Score]) -> list[Score]:
@@ -188,9 +194,7 @@ def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
         and _may_be_far(one.score)
         and chi2_sf(one.score.statistic, one.score.degrees) < PROMISING
     ]
-    # Of a kink the derivative is that of neither side.
-    bare = _not_seen(near, sides) if near.cause.kinked and sides else near
-    scores = [bare, *(one.score for one in promising)]
+    scores = [near, *(one.score for one in promising)]
     refits: list[Refit] = []
     worth = [one for one in promising if one.score.log_evidence > task.least]
     if worth:
@@ -201,12 +205,17 @@ def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
         for refit in refit_from([start], Executor(1, 1)):
             end = _gained(refit, begin.score, task)
             # What the sides promise the refit has tried.
-            scores = [bare]
+            scores = [near]
             if abs(end.estimate[0]) > _least_amount(near.cause) and refit.log_evidence > WORTH:
                 refits.append(refit)
                 scores.append(end)
     best = max(scores, key=lambda s: s.log_evidence)
-    limits = [one.score.visible for one in sides]
+    # Of one side that counts which shows most.
+    limits = [
+        np.min([one.score.visible for one in group], axis=0)
+        for group in ([s for s in sides if s.amount > 0], [s for s in sides if s.amount < 0])
+        if group
+    ]
     # Near the null the derivative holds unless it has a kink, beyond it what the weaker side shows.
     if limits and near.visible[0] > _least_amount(near.cause):
         best = replace(best, visible=np.max(limits, axis=0))
@@ -214,18 +223,6 @@ def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
     if best.p < NAMING_LEVEL:
         best = replace(best, visible=np.minimum(best.visible, np.abs(best.estimate)))
     return best, refits
-
-
-def _not_seen(near: Score, sides: Sequence[_Side]) -> Score:
-    """Return the score of a cause that neither side shows."""
-    return replace(
-        near,
-        statistic=0.0,
-        p=1.0,
-        log_evidence=min(one.score.log_evidence for one in sides),
-        estimate=np.zeros_like(near.estimate),
-        components=np.zeros_like(near.components),
-    )
 
 
 def _may_be_far(side: Score) -> bool:
@@ -288,6 +285,6 @@ def _sides(near: Score, here: Fit, extended: Objective) -> list[tuple[Evaluation
         at = extended.compare(prediction, values, ())
         return at, float(amounts_of(near.cause.parameters, values, extended)[0])
 
-    step = BESIDE_A_KINK if near.cause.kinked else FAR[-1]
-    both = side_by_side(side, (step, -step), 1)
-    return [end for end in both if end is not None]
+    steps = (BESIDE_A_KINK, FAR[-1]) if near.cause.kinked else (FAR[-1],)
+    ends = side_by_side(side, [sign * step for step in steps for sign in (1.0, -1.0)], 1)
+    return [end for end in ends if end is not None]

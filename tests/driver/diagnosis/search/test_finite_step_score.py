@@ -306,23 +306,16 @@ def test_a_model_that_is_right_gets_nothing_from_afar(seed: int) -> None:
 BESIDE_LAG = ("load_lag", "section_depth", "load_offset")
 
 
-def test_a_lag_into_the_holds_is_found_though_its_derivative_shows_another_cause() -> None:
-    """The load relaxes in a hold, and rises after it: the derivative is the mean of both rates."""
+def test_a_lag_is_found_though_the_derivatives_show_another_cause() -> None:
+    """The load changes at one rate before an image and at another after it."""
     hidden = scored({"load_lag": -0.65}, BESIDE_LAG)
-    assert hidden.scores[0].cause.name == "section_depth"
+    assert hidden.scores[0].cause.name != "load_lag"
     found = look(hidden)
     lag = found.scores[0]
     assert lag.cause.name == "load_lag" and lag.p < NAMING_LEVEL
     (refit,) = found.refits
     sigma = refit.fit.sigma("load_lag", hidden.objective.parameters)
     assert abs(refit.fit.values["load_lag"] + 0.65) < 3 * sigma
-
-
-def test_a_derivative_at_a_kink_counts_for_neither_side() -> None:
-    right = scored({}, BESIDE_LAG)
-    near = replace(_of(right.scores, "load_lag"), p=1e-9, log_evidence=50.0)
-    lag = _of(look(with_scores(right, near)).scores, "load_lag")
-    assert lag.p == 1.0 and lag.statistic == 0.0 and lag.log_evidence < 0.0
 
 
 def test_what_would_have_been_seen_of_a_lag_is_seen_on_the_side_that_shows_less() -> None:
