@@ -32,8 +32,8 @@ class Cause:
         check_always: whether it is looked at from afar also where nothing seems wrong: of a few
             prior scales neither the tests nor the scores of other causes see anything, or the
             derivative misleads (`kinked`).
-        kinked: whether its effect has a kink at its null, so that the derivative there holds on
-            neither side, however near: it is looked at from beside the null.
+        kinked: whether its effect has a kink at its null, so that the derivative there is that of
+            neither side: it is looked at from beside the null as well.
     """
 
     name: str

@@ -122,8 +122,8 @@ def finite_step_scores(
 
     Those that hide come first, where their derivative does not show them or has a kink. The others
     come where something is wrong (the tests reject, or a cause is seen by its derivative or from
-    afar) and their derivative does not make them lead. Each costs two simulations, and a refit
-    where they promise something beside the best cause so far.
+    afar) and their derivative does not make them lead. Each costs two simulations, with a kink
+    four, and a refit where they promise something beside the best cause so far.
 
     Args:
         scores: of all causes, to first order.
