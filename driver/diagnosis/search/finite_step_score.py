@@ -13,7 +13,7 @@ there however small it is.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +36,7 @@ from driver.diagnosis.search.refit import (
 from driver.diagnosis.statistics.bayes_factor import amounts_of
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, score, significance
 from driver.diagnosis.statistics.screening import off_by_meshes
+from driver.forward.prediction import Prediction
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.priors import FREED_WIDTH
@@ -122,8 +123,9 @@ def finite_step_scores(
 
     Those that hide come first, where their derivative does not show them or has a kink. The others
     come where something is wrong (the tests reject, or a cause is seen by its derivative or from
-    afar) and their derivative does not make them lead. Each costs two simulations, with a kink
-    four, and a refit where they promise something beside the best cause so far.
+    afar) and their derivative does not make them lead. Each costs two simulations, one where its
+    parameter is an instrument's, and a refit where they promise something beside the best cause so
+    far.
 
     Args:
         scores: of all causes, to first order.
@@ -274,17 +276,33 @@ def _sides(near: Score, here: Fit, extended: Objective) -> list[tuple[Evaluation
     """Return the fit with a cause far off its null, and how far, where that can be simulated."""
     (name,) = near.cause.parameters
     null, parameter = extended.prior[name][0], extended.parameters[name]
-    model = extended.warm_started_from(here.best).model
-
-    def side(amount: float) -> tuple[Evaluation, float] | None:
-        values = here.values | {name: parameter.value(amount * parameter.width, null)}
-        prediction = attempt(lambda: model.predict(values, ()))
+    steps = (BESIDE_A_KINK, FAR[-1]) if near.cause.kinked else (FAR[-1],)
+    amounts = [sign * step for step in steps for sign in (1.0, -1.0)]
+    off = [
+        here.values | {name: parameter.value(amount * parameter.width, null)} for amount in amounts
+    ]
+    ends = []
+    for values, prediction in zip(off, _predicted(name, off, here, extended), strict=True):
         if isinstance(prediction, Failure):
             logger.info(f"  {name} = {values[name]:.3g} cannot be simulated ({prediction.why})")
-            return None
+            continue
         at = extended.compare(prediction, values, ())
-        return at, float(amounts_of(near.cause.parameters, values, extended)[0])
+        ends.append((at, float(amounts_of(near.cause.parameters, values, extended)[0])))
+    return ends
 
-    steps = (BESIDE_A_KINK, FAR[-1]) if near.cause.kinked else (FAR[-1],)
-    ends = side_by_side(side, [sign * step for step in steps for sign in (1.0, -1.0)], 1)
-    return [end for end in ends if end is not None]
+
+def _predicted(
+    name: str, off: Sequence[Mapping[str, float]], here: Fit, extended: Objective
+) -> list[Prediction | Failure]:
+    """Return the predictions with a parameter off its null; of an instrument's one run has all."""
+    model = extended.warm_started_from(here.best).model
+
+    def predicted(values: Mapping[str, float]) -> Prediction | Failure:
+        return attempt(lambda: model.predict(values, ()))
+
+    if model.simulated(name):
+        return side_by_side(predicted, off, 1)
+    first = predicted(off[0])
+    if isinstance(first, Failure):
+        return [first] * len(off)
+    return [first, *(model.observe(first.response, values, ()) for values in off[1:])]

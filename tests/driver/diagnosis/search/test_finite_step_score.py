@@ -318,6 +318,24 @@ def test_a_lag_is_found_though_the_derivatives_show_another_cause() -> None:
     assert abs(refit.fit.values["load_lag"] + 0.65) < 3 * sigma
 
 
+def test_a_lag_is_looked_at_in_one_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = scored({}, ("load_lag",))
+    runs = [0]
+
+    def counted(self: ClosedFormSolver, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        runs[0] += 1
+        return answer(self, simulation)
+
+    answer = ClosedFormSolver.answer
+    monkeypatch.setattr(ClosedFormSolver, "answer", counted)
+    together = _of(look(right).scores, "load_lag")
+    assert runs == [1]
+    monkeypatch.setattr(type(right.objective.model), "simulated", lambda self, name: True)
+    apart = _of(look(right).scores, "load_lag")
+    assert runs == [5]
+    np.testing.assert_allclose(together.visible, apart.visible, rtol=1e-12)
+
+
 def test_what_would_have_been_seen_of_a_lag_is_seen_on_the_side_that_shows_less() -> None:
     right = scored({}, BESIDE_LAG)
     lag = _of(look(right).scores, "load_lag")
