@@ -290,9 +290,14 @@ def pixels() -> FloatArray:
     return np.asarray(xy[inside])
 
 
-def problem(case: Case | None = None) -> ClosedFormSpecimen:
-    """Return specimen of a case (`small_case`), with every parameter at its null but the knots."""
-    case, h = case or small_case(), history()
+def problem(case: Case | None = None, past: History | None = None) -> ClosedFormSpecimen:
+    """Return specimen with every parameter at its null but the knots.
+
+    Args:
+        case: the case, None for `small_case`.
+        past: its history of two cycles, None for `history`.
+    """
+    case, h = case or small_case(), past or history()
     mesh = generate(geometry_of(case), case.specimen.mesh_size)
     model = build_model(case, mesh, h, pixels(), ClosedFormSolver(), 1)
     n = len(KNOTS) + 1

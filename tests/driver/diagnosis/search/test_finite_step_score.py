@@ -19,9 +19,11 @@ from driver.diagnosis.search.refit import Executor, Start, refit_from
 from driver.diagnosis.search.selection_round import examine
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, effects_of
 from driver.diagnosis.statistics.screening import screen, screened
+from driver.experiment.history import History, turning_points
 from driver.identification.correction import Correction
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
+from driver.parameters.registry import declared_parameters
 from meshes.arrays import FloatArray
 from solver_adapters.interface import PreparedError, Simulation, SolverError
 from tools import closed_form
@@ -90,6 +92,11 @@ def scored(
     objective = closed_form.objective(problem, problem.truth | hidden, seed)
     objective, fitted = identified(problem, objective)
     objective = replace(objective, model=replace(objective.model, adapter=solver()))
+    return first_order(fitted, objective, wanted)
+
+
+def first_order(fitted: Fit, objective: Objective, wanted: Sequence[str]) -> Examined:
+    """The scores of some causes at a fit."""
     candidates, names = screened(objective.model, fitted.best.free, wanted)
     augmented = objective.evaluate(fitted.values, names)
     effects = effects_of(candidates, augmented, objective.parameters)
@@ -316,6 +323,59 @@ def test_a_lag_is_found_though_the_derivatives_show_another_cause() -> None:
     (refit,) = found.refits
     sigma = refit.fit.sigma("load_lag", hidden.objective.parameters)
     assert abs(refit.fit.values["load_lag"] + 0.65) < 3 * sigma
+
+
+class Relaxing(ClosedFormSolver):
+    """The same whose load falls by a twentieth while the stage stands."""
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        motion, times = simulation.motion, simulation.times
+        u, _ = super().answer(simulation)
+        _, load = super().answer(replace(simulation, output=np.arange(times.size)))
+        stood = np.zeros(times.size)
+        stood[1:] = np.diff(times) * (np.abs(np.diff(motion, axis=0)).max(axis=(1, 2)) < 1e-9)
+        return u, (load * (0.95 + 0.05 * np.exp(-stood / 5.0)))[simulation.output]
+
+
+def relaxing(hidden: dict[str, float], hold: float) -> Examined:
+    """Images each at the end of a hold, in which the load relaxes, and a lag of the loads."""
+    travel = closed_form.history().stage
+    stage = np.repeat(travel[np.diff(travel, prepend=-1.0) != 0.0], 2)
+    image_row = np.arange(1, stage.size, 2)
+    turning = turning_points(stage)
+    past = History(
+        time=np.cumsum(np.where(np.arange(stage.size) % 2, hold, 10.0)) - 10.0,
+        stage=stage,
+        image_row=image_row,
+        force=np.zeros(image_row.size),
+        turning=turning,
+        cycle=np.where(image_row <= turning[2], 1, 2),
+    )
+    problem = closed_form.problem(past=past)
+    model = replace(problem.model, adapter=Relaxing())
+    objective = closed_form.objective(replace(problem, model=model), problem.truth)
+    noise = closed_form.LOAD_NOISE * np.random.default_rng(5).standard_normal(image_row.size)
+    load = model.predict(problem.truth | hidden).load + noise
+    objective = replace(objective, data=replace(objective.data, load=load))
+    objective, fitted = identified(problem, objective)
+    return first_order(fitted, objective, BESIDE_LAG)
+
+
+@pytest.mark.parametrize(("lag", "hold"), [(0.65, 3.0), (2.0, 30.0), (-6.0, 3.0)])
+def test_a_lag_out_of_a_hold_is_found_though_loads_relax_in_it(lag: float, hold: float) -> None:
+    hidden = relaxing({"load_lag": lag}, hold)
+    found = look(hidden)
+    assert found.scores[0].cause.name == "load_lag" and found.scores[0].p < NAMING_LEVEL
+    (refit,) = found.refits
+    sigma = refit.fit.sigma("load_lag", hidden.objective.parameters)
+    assert abs(refit.fit.values["load_lag"] - lag) < 3 * sigma
+
+
+def test_a_lag_within_a_hold_where_the_load_has_relaxed_counts_as_unseen() -> None:
+    lag = _of(look(relaxing({"load_lag": -6.0}, 30.0)).scores, "load_lag")
+    assert lag.p > NAMING_LEVEL
+    width = declared_parameters(1)["load_lag"].width
+    assert width * lag.visible[0] > 6.0
 
 
 def test_a_lag_is_looked_at_in_one_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
