@@ -39,7 +39,7 @@ PROCESS_BYTES = 330e6
 _MATRIX_BYTES: Mapping[CellKind, float] = MappingProxyType({"tet10": 4.7e3, "hex20": 31e3})
 _MATRIX_POWER = 4 / 3
 # Cells of about `MOST_WITH_TWO` unknowns of the bundled solver: from there on one factor is kept.
-_ONE_FACTOR_FROM: Mapping[CellKind, int] = MappingProxyType({"tet10": 6000, "hex20": 2100})
+ONE_FACTOR_FROM: Mapping[CellKind, int] = MappingProxyType({"tet10": 6000, "hex20": 2100})
 _WITH_ONE_FACTOR = 0.65
 
 # Numbers that a Gauss point keeps for a direction: two states, three numbers of each slip system
@@ -78,7 +78,7 @@ def simulation_memory(
     response, trajectory = of_image * (directions + 1), 2 * steps_per_interval * of_image
     points = 8.0 * n_cells * _POINTS_PER_CELL[kind] * _POINT_NUMBERS[systems] * directions
     matrix = _MATRIX_BYTES[kind] * math.pow(n_cells, _MATRIX_POWER)
-    if n_cells >= _ONE_FACTOR_FROM[kind]:
+    if n_cells >= ONE_FACTOR_FROM[kind]:
         matrix *= _WITH_ONE_FACTOR
     copies = _RESPONSE_COPIES * response + _TRAJECTORIES * trajectory
     return PROCESS_BYTES + matrix + points + copies

@@ -4,12 +4,20 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from driver.case.model import load_case
-from driver.forward.cost import simulation_memory, simulation_seconds, systems_of
-from meshes.prism import CellKind
+from driver.forward.build import geometry_of
+from driver.forward.cost import (
+    ONE_FACTOR_FROM,
+    simulation_memory,
+    simulation_seconds,
+    systems_of,
+)
+from meshes.prism import CellKind, generate
 from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.bundled.tangent_system import MOST_WITH_TWO
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
 
 ALPHA = Path(__file__).parents[3] / "examples" / "alpha"
@@ -33,6 +41,17 @@ def test_more_slip_systems_take_more_time_and_memory() -> None:
     assert 1.0 < times[1] / times[0] < 2.0
     memory = [simulation_memory("tet10", 574, 97, 20, systems=count) for count in (24, 48)]
     assert memory[1] > memory[0]
+
+
+@pytest.mark.parametrize(("kind", "size"), [("hex20", 0.4), ("tet10", 0.35)])
+def test_the_estimate_counts_one_factor_where_the_solver_keeps_one(
+    kind: CellKind, size: float
+) -> None:
+    mesh = generate(geometry_of(load_case(ALPHA / "case.toml")), size, kind)
+    ends = np.union1d(mesh.nodes["S_MINUS"], mesh.nodes["S_PLUS"])
+    unknowns = 3 * (len(mesh.points) - len(ends))
+    at_change = unknowns * ONE_FACTOR_FROM[kind] / len(mesh.cells)
+    assert at_change == pytest.approx(MOST_WITH_TWO, rel=0.1)
 
 
 @pytest.mark.slow
