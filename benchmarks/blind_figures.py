@@ -10,7 +10,7 @@ from scipy.stats import binomtest
 
 from benchmarks.blind_plan import DESCRIBED, ELASTIC, ELASTIC_LEVEL, KINDS
 from benchmarks.blind_store import Record
-from driver.diagnosis.statistics.score_test import SEEN_AT
+from driver.diagnosis.statistics.score_test import NAMING_LEVEL, SEEN_AT
 
 SILENT = ("null", "noise level", "jitter", "AR(1)")  # kinds of which nothing is to be said
 LOUD = ("cause", "pair", "outside", "known", "noise", "flip", "large")
@@ -49,6 +49,8 @@ def print_figures(lines: Sequence[Record]) -> None:
         show_share(f"{kind}: something named [%]", named, "<= 0.5" if kind == "null" else "<= 1")
         silent = [line["verdict"] == "nothing wrong" for line in of]
         show_share(f"{kind}: nothing wrong [%]", silent, ">= 97" if kind == "null" else ">= 97.5")
+    own = [p < NAMING_LEVEL for x in kinds["null"] if (p := x.get("discretisation")) is not None]
+    show_share("null: the simulation's own error is significant [%]", own, "none")
     large = [line for line in kinds["cause"] if line["misfit"] >= 6]
     _of_causes("misfit >= 6 sigma", large, "96")
     loud = [line for line in kinds["cause"] + kinds["large"] if line["chi_load"][0] >= 10]

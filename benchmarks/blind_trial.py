@@ -252,6 +252,9 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
         "chi_load": [first["chi_load"], last["chi_load"]],
         "chi_image": [first["chi_image"], last["chi_image"]],
         "omnibus": last["omnibus"],
+        "discretisation": next(
+            (s["p_family"] for s in last["causes"] if s["category"] == "numerics"), None
+        ),
         "numerics": diagnosis["numerics"],
         "refined": refined,
         "held_out": diagnosis["gain"].get("held_out"),

@@ -51,7 +51,10 @@ def priors(start: Mapping[str, float]) -> dict[str, tuple[float, float]]:
 
 
 def identified(
-    b: ClosedFormSpecimen, made_with: Objective, sizes: tuple[float, float] = SIZES
+    b: ClosedFormSpecimen,
+    made_with: Objective,
+    sizes: tuple[float, float] = SIZES,
+    by: float = 0.001,
 ) -> tuple[Objective, Fit]:
     """Return the baseline of a diagnosis: all but the extensions fitted, with the correction."""
     n = len(KNOTS) + 1
@@ -59,7 +62,7 @@ def identified(
     free = (*LAMBDAS, *pose, *elongation_names(n), *tilt_names(n), *LAW)
     start = replace(made_with, prior=priors(b.truth))
     first = fit(start, b.truth, free, 12)
-    change = correction(b.model, finer(b), first.best.prediction, first.values)
+    change = correction(b.model, finer(b, by), first.best.prediction, first.values)
     corrected = with_correction(start, 1.0, change, sizes)
     return corrected, fit(corrected, first.values, free, 12)
 

@@ -145,6 +145,21 @@ def with_what_one_mesh_shows(verdict: Verdict, title: str, apart: float) -> Verd
     return replace(verdict, text=f"{verdict.text} {shown}", next=f"{verdict.next} {REFINE}")
 
 
+def with_missing_share(verdict: Verdict, share: float, sigma: float) -> Verdict:
+    """Return a verdict that tells that the correction of the simulation does not do.
+
+    Args:
+        verdict: the answer.
+        share: of the correction that the data show beside it.
+        sigma: its standard deviation.
+    """
+    shown = (
+        f"The data show {share:.2f} ± {sigma:.2f} times more of what the finer simulation corrects: "
+        "its cells or time steps are not small enough."
+    )
+    return replace(verdict, text=f"{verdict.text} {shown}", next=f"{verdict.next} {REFINE}")
+
+
 def with_bounds(verdict: Verdict, held: Collection[str]) -> Verdict:
     """Return a verdict that names no cause alone whose every parameter stands at such a bound.
 

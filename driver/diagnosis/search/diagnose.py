@@ -16,6 +16,7 @@ from driver.diagnosis.answer.verdict import (
     decide,
     with_bounds,
     with_doubts,
+    with_missing_share,
     with_own_error_counted,
     with_what_one_mesh_shows,
 )
@@ -30,6 +31,8 @@ from driver.diagnosis.search.boundary_noise import (
 )
 from driver.diagnosis.search.discretisation_check import (
     discretisation_check,
+    missing,
+    needed_for,
     with_what_is_needed,
 )
 from driver.diagnosis.search.extension import Extension
@@ -132,6 +135,10 @@ def diagnose(
             verdict = answer(numerics=passed.words)
     elif passed.between_meshes:
         verdict = with_what_one_mesh_shows(verdict, passed.along.title, passed.effect)
+    elif (own := missing(rounds[-1].scores)) is not None:
+        verdict = with_missing_share(verdict, float(own.estimate[0]), float(own.sigma[0]))
+        needed = needed_for(own, current, fitted, final.fresh, end.finer.one)
+        passed = replace(passed, needed=needed)
     fits = {"identified": first.fit} | ({"extended": fitted} if causes else {})
     verdict = with_doubts(
         verdict,

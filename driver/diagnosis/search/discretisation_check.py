@@ -11,7 +11,7 @@ from driver.common.progress import quiet
 from driver.diagnosis.answer.result_types import DiscretisationCheck, Refinement
 from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.statistics.correction_change import whitened_difference
-from driver.diagnosis.statistics.score_test import Score
+from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score
 from driver.forward.model import ForwardModel
 from driver.identification.correction import Correction, correction
 from driver.identification.fit import Fit
@@ -95,6 +95,33 @@ def with_what_is_needed(
     directions = _directions(here.best, scores, [objective.parameters[name] for name in named])
     along = next(direction for direction in directions if direction.along == check.along)
     return replace(check, needed=_refinement(objective, here, fresh, finer, along))
+
+
+def missing(scores: Sequence[Score]) -> Score | None:
+    """Return the score of the discretisation where the data show more of the correction, or less.
+
+    Args:
+        scores: of the causes that were tried last.
+    """
+    return next((s for s in scores if s.cause == NUMERICS and s.p < NAMING_LEVEL), None)
+
+
+def needed_for(
+    seen: Score, objective: Objective, here: Fit, fresh: Correction, finer: ForwardModel
+) -> Refinement:
+    """Return what has to be refined where the data show the discretisation.
+
+    Args:
+        seen: its score.
+        objective: of the fit.
+        here: the fit.
+        fresh: finer minus working prediction at the fit.
+        finer: the finer model.
+
+    Raises:
+        SolverError: the simulation that tells it could not be finished.
+    """
+    return _refinement(objective, here, fresh, finer, _Direction(seen.cause, seen.directions))
 
 
 def _directions(

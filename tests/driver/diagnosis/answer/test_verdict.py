@@ -15,6 +15,7 @@ from driver.diagnosis.answer.verdict import (
     decide,
     with_bounds,
     with_doubts,
+    with_missing_share,
     with_places,
     with_refinement,
     with_what_one_mesh_shows,
@@ -194,6 +195,13 @@ def test_what_one_mesh_alone_shows_is_told_with_an_answer_that_names_nothing() -
     assert found.kind == "nothing wrong" and found.next.endswith(REFINE)
     assert "shows depth of the section, the mean of both does not: they differ by 3.7" in found.text
     assert with_what_one_mesh_shows(of(CONTRAST), "load gain", 3.7) == of(CONTRAST)
+
+
+def test_a_correction_that_the_data_deny_is_told_with_any_answer() -> None:
+    for answer in (of(), of(CONTRAST)):
+        found = with_missing_share(answer, -0.62, 0.11)
+        assert found.kind == answer.kind and found.next == f"{answer.next} {REFINE}"
+        assert "show -0.62 ± 0.11 times more of what the finer simulation corrects" in found.text
 
 
 def test_a_refinement_that_is_known_is_named_in_place_of_a_request_for_one() -> None:

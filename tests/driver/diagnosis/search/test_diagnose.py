@@ -390,3 +390,19 @@ def test_more_iterations_are_asked_for_only_where_their_limit_ended_the_fit() ->
     # Iterations after a change of the noise have a limit of their own.
     assert to_converge(stuck, limited) == to_converge(stuck, stuck) == BETTER_STARTS
     assert to_converge(limited, fitted) == BEGIN_AT_END
+
+
+@pytest.mark.parametrize(("by", "asked"), [(0.1, "steps"), (0.01, None)])
+def test_a_refinement_is_asked_for_where_the_data_deny_the_correction(
+    by: float, asked: str | None
+) -> None:
+    """They are those of the working simulation: of the correction they show once less."""
+    sizes = (20.0, 1.0)
+    made = closed_form.objective(BENCH, BENCH.truth)
+    settings = replace(NONE_HELD_OUT, wanted=("tilt_drift",), sizes=sizes)
+    found = diagnosis_of(BENCH, identified(BENCH, made, sizes, by), settings, by)
+    (own,) = (s for s in found.rounds[-1].scores if s.cause == NUMERICS)
+    assert found.numerics.passed and found.numerics.needed == asked
+    assert ("more of what the finer simulation corrects" in found.verdict.text) == bool(asked)
+    if asked:
+        assert abs(own.estimate[0] + 1.0) < 3 * own.sigma[0] < 0.5
