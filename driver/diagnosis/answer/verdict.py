@@ -150,13 +150,12 @@ def with_missing_share(verdict: Verdict, share: float, sigma: float) -> Verdict:
 
     Args:
         verdict: the answer.
-        share: of the correction that the data show beside it.
+        share: of the correction that the data show beside it, negative where they deny it.
         sigma: its standard deviation.
     """
-    shown = (
-        f"The data show {share:.2f} ± {sigma:.2f} times more of what the finer simulation corrects: "
-        "its cells or time steps are not small enough."
-    )
+    size = f"{abs(share):.2f} ± {sigma:.2f} of the correction by the finer simulation"
+    seen = f"show {size} once more" if share > 0 else f"deny {size}"
+    shown = f"The data {seen}: its cells or time steps are not small enough."
     return replace(verdict, text=f"{verdict.text} {shown}", next=f"{verdict.next} {REFINE}")
 
 

@@ -201,7 +201,8 @@ def test_a_correction_that_the_data_deny_is_told_with_any_answer() -> None:
     for answer in (of(), of(CONTRAST)):
         found = with_missing_share(answer, -0.62, 0.11)
         assert found.kind == answer.kind and found.next == f"{answer.next} {REFINE}"
-        assert "show -0.62 ± 0.11 times more of what the finer simulation corrects" in found.text
+        assert "data deny 0.62 ± 0.11 of the correction by the finer simulation:" in found.text
+    assert "show 0.30 ± 0.05 of the correction by the" in with_missing_share(of(), 0.3, 0.05).text
 
 
 def test_a_refinement_that_is_known_is_named_in_place_of_a_request_for_one() -> None:

@@ -403,6 +403,6 @@ def test_a_refinement_is_asked_for_where_the_data_deny_the_correction(
     found = diagnosis_of(BENCH, identified(BENCH, made, sizes, by), settings, by)
     (own,) = (s for s in found.rounds[-1].scores if s.cause == NUMERICS)
     assert found.numerics.passed and found.numerics.needed == asked
-    assert ("more of what the finer simulation corrects" in found.verdict.text) == bool(asked)
+    assert ("of the correction by the finer simulation" in found.verdict.text) == bool(asked)
     if asked:
         assert abs(own.estimate[0] + 1.0) < 3 * own.sigma[0] < 0.5
