@@ -26,7 +26,7 @@ from benchmarks.diagnosis import ALPHA, TRUTH
 from benchmarks.measuring import show
 from driver.case.model import Case, load_case
 from driver.forward.build import adapter_of, build_model, geometry_of
-from driver.forward.mesh_extrapolation import lacking_share
+from driver.forward.mesh_extrapolation import LackingShare, lacking_share
 from driver.forward.model import ForwardModel
 from driver.identification.correction import Correction
 from driver.identification.identify import with_correction
@@ -203,11 +203,11 @@ def model_on(
     return replace(model, integration="exponential", mean_dilatation=d.mean_dilatation)
 
 
-def corrected(coarser: Seen, finer: Seen, share: float) -> Seen:
+def corrected(coarser: Seen, finer: Seen, share: LackingShare) -> Seen:
     """Return the finer prediction extrapolated by a share of what both differ by."""
     return Seen(
-        finer.motion + share * (finer.motion - coarser.motion),
-        finer.load + share * (finer.load - coarser.load),
+        finer.motion + share.motion * (finer.motion - coarser.motion),
+        finer.load + share.load * (finer.load - coarser.load),
         coarser.seconds + finer.seconds,
         finer.n_cells,
     )

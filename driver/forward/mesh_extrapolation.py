@@ -1,8 +1,9 @@
 """A prediction on cells of no size, from two meshes of hexahedra (Richardson's extrapolation).
 
 Hexahedra of two sizes are meshes of one family, swept over the same section: their errors keep
-their shape and fall with the power `ORDER` of the size (benchmarks/numerics.md). Tetrahedra of two
-sizes are meshes of their own, and no such pair.
+their shape and fall with a power of the size, which is another one for the motion of the face and
+for the load (benchmarks/numerics.md). Tetrahedra of two sizes are meshes of their own, and no such
+pair.
 """
 
 from __future__ import annotations
@@ -22,23 +23,47 @@ from meshes.surface import interpolation, trace
 if TYPE_CHECKING:
     from driver.forward.model import ForwardModel
 
-ORDER = 1.5
-"""Power of the size with which the error of hexahedra falls."""
+ORDER_OF_MOTION = 1.5
+"""Power of the size with which the error of hexahedra falls in the motion of the face."""
+ORDER_OF_LOAD = 1.0
+"""The same in the load."""
 _LARGEST = 0.8  # ratio of sizes
 _HEXAHEDRON = 20  # nodes
 _INSET = 1e-6  # µm, by which nodes of an edge are drawn onto the face
 
 
-def lacking_share(coarser: PrismMesh, finer: PrismMesh) -> float:
+@dataclass(frozen=True)
+class LackingShare:
     """Share of what two meshes differ by that the finer one itself still lacks.
 
-    0 for meshes of no family, and for one that is hardly finer.
+    Attributes:
+        motion: of the motion of the face.
+        load: of the load.
+    """
+
+    motion: float = 0.0
+    load: float = 0.0
+
+    def __bool__(self) -> bool:
+        """Return whether anything is known to be lacking."""
+        return self.motion != 0.0 or self.load != 0.0
+
+
+def lacking_share(coarser: PrismMesh, finer: PrismMesh) -> LackingShare:
+    """Return what the finer one of two meshes lacks.
+
+    Nothing for meshes of no family, and for one that is hardly finer.
     """
     nodes = {mesh.cells.shape[1] for mesh in (coarser, finer)}
     ratio: float = (len(coarser.cells) / len(finer.cells)) ** (1.0 / 3.0)
     if nodes != {_HEXAHEDRON} or ratio > _LARGEST:
-        return 0.0
-    fallen: float = ratio**ORDER
+        return LackingShare()
+    return LackingShare(_lacking(ratio, ORDER_OF_MOTION), _lacking(ratio, ORDER_OF_LOAD))
+
+
+def _lacking(ratio: float, order: float) -> float:
+    """Return the share of a difference that is left where an error falls with a power of sizes."""
+    fallen: float = ratio**order
     return fallen / (1.0 - fallen)
 
 
@@ -53,7 +78,7 @@ class MeshExtrapolation:
     """
 
     coarser: ForwardModel
-    share: float
+    share: LackingShare
     nodes: sp.csr_array
 
     def applied(self, finer: Prediction, coarser: Prediction) -> Prediction:
@@ -62,20 +87,29 @@ class MeshExtrapolation:
         What is carried with the pixels stays that of the finer one alone.
         """
         d_surface = [
-            self.extrapolated(one, apply(self.nodes, other))
+            self.motion(one, other)
             for one, other in zip(finer.d_surface, coarser.d_surface, strict=True)
         ]
         return replace(
             finer,
-            surface=self.extrapolated(finer.surface, apply(self.nodes, coarser.surface)),
-            load=self.extrapolated(finer.load, coarser.load),
+            surface=self.motion(finer.surface, coarser.surface),
+            load=self.load(finer.load, coarser.load),
             d_surface=np.array(d_surface).reshape(finer.d_surface.shape),
-            d_load=self.extrapolated(finer.d_load, coarser.d_load),
+            d_load=self.load(finer.d_load, coarser.d_load),
         )
 
-    def extrapolated(self, finer: FloatArray, coarser: FloatArray) -> FloatArray:
-        """Return a field on cells of no size, from that of the finer and the coarser model."""
-        return finer + self.share * (finer - coarser)
+    def motion(self, finer: FloatArray, coarser: FloatArray) -> FloatArray:
+        """Return the motion of the finer model's nodes with cells of no size, (T, n, 3) [µm].
+
+        Args:
+            finer: as that model has it.
+            coarser: of the nodes of the coarser one.
+        """
+        return finer + self.share.motion * (finer - apply(self.nodes, coarser))
+
+    def load(self, finer: FloatArray, coarser: FloatArray) -> FloatArray:
+        """Return the load with cells of no size, (..., T) [µN]."""
+        return finer + self.share.load * (finer - coarser)
 
 
 def extrapolated_with(finer: ForwardModel, coarser: ForwardModel) -> ForwardModel:

@@ -62,6 +62,15 @@ class Prediction:
         response = replace(self.response, d_displacement=none, cells=None, trajectory=None)
         return replace(self, response=response)
 
+    def with_derivatives_times(self, motion: float, load: float) -> Prediction:
+        """Return the prediction with its derivatives of motion and load times factors."""
+        return replace(
+            self,
+            d_surface=motion * self.d_surface,
+            d_load=load * self.d_load,
+            carried={row: motion * carried for row, carried in self.carried.items()},
+        )
+
     def along(self, change: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Change of the prediction with its parameters, to first order.
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from driver.common.parallel import side_by_side
-from driver.forward.mesh_extrapolation import lacking_share
+from driver.forward.mesh_extrapolation import LackingShare, lacking_share
 from driver.forward.model import ForwardModel
 from driver.forward.prediction import Prediction
 from driver.identification.data import Data
@@ -39,15 +39,14 @@ class Derivatives:
     Attributes:
         values: every parameter there.
         parameters: the k parameters for which they are known, in the order of the predictions.
-        working, finer: the predictions there.
-        factor: by which their difference is extrapolated.
+        working, finer: the predictions there, their derivatives times what their difference is
+            extrapolated by.
     """
 
     values: Mapping[str, float]
     parameters: tuple[Parameter, ...]
     working: Prediction
     finer: Prediction
-    factor: float = 1.0
 
     def change(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Return by how much the correction is another one at other parameters.
@@ -65,7 +64,7 @@ class Derivatives:
         (motion, load), (less_motion, less_load) = (
             prediction.along(np.array(moved)) for prediction in (self.finer, self.working)
         )
-        return self.factor * (motion - less_motion), self.factor * (load - less_load)
+        return motion - less_motion, load - less_load
 
     def completed_by(self, other: Derivatives) -> Derivatives:
         """Return these with those for parameters that they lack, about where these were taken."""
@@ -85,7 +84,7 @@ class Derivatives:
         slopes = np.array([p.slope(self.values[p.name]) for p in self.parameters])[columns]
         finer, working = (data.sensitivity(p.restrict(columns)) for p in (self.finer, self.working))
         whole = np.zeros((len(free), finer.shape[1]))
-        whole[rows] = self.factor * slopes[:, None] * (finer - working)
+        whole[rows] = slopes[:, None] * (finer - working)
         return whole
 
 
@@ -139,12 +138,12 @@ class Correction:
         held = self.left_by_steps.times(self.parts - 1)
         return motion - held.motion, load - held.load
 
-    def extrapolated(self, share: float) -> Correction:
+    def extrapolated(self, share: LackingShare) -> Correction:
         """Return the correction with so much more of what it holds of the mesh."""
         if not share:
             return self
         motion, load = self.of_mesh
-        return self.plus(share * motion, share * load)
+        return self.plus(share.motion * motion, share.load * load)
 
     def plus(self, motion: FloatArray, load: FloatArray) -> Correction:
         """Return the correction with more of both [µm, µN]."""
@@ -195,7 +194,7 @@ def correction(
     exact = finer.adapter.capabilities().runs_per_direction == 0
     asked = tuple(free) if exact else ()
     meshes = [model.microstructure.mesh for model in (working, finer)]
-    more = lacking_share(*meshes) if finer.extrapolation is None else 0.0
+    more = lacking_share(*meshes) if finer.extrapolation is None else LackingShare()
     if near is not None and near.course is not None:
         finer = replace(finer, trajectory=near.course)
     of_steps: list[ForwardModel] = []
@@ -215,15 +214,23 @@ def correction(
     of_motion = f", motion {1e3 * np.sqrt(np.mean(motion**2)):.2f} nm rms" if motion.size else ""
     logger.info(f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms{of_motion}")
     if more:
-        logger.info(f"  extrapolated to cells of no size: {1 + more:.2f} times what is of the mesh")
+        logger.info(
+            "  extrapolated to cells of no size, what is of the mesh: "
+            f"{1 + more.motion:.2f} times in the motion, {1 + more.load:.2f} times in the load"
+        )
     course = finer.warm_started_from(fine.response.trajectory, values).trajectory
     derivatives = None
     if asked:
         declared = tuple(working.parameters[name] for name in asked)
         # Of first order, what is of the steps would be extrapolated with the rest.
-        factor = 1.0 if first_order else 1.0 + more
-        both = coarse.derivatives_alone(), fine.derivatives_alone()
-        derivatives = Derivatives(dict(values), declared, *both, factor)
+        lacking = LackingShare() if first_order else more
+        both = [
+            prediction.derivatives_alone().with_derivatives_times(
+                1.0 + lacking.motion, 1.0 + lacking.load
+            )
+            for prediction in (coarse, fine)
+        ]
+        derivatives = Derivatives(dict(values), declared, *both)
     if not first_order or not stepped:
         found = Correction(motion, load, None, parts, derivatives, course).extrapolated(more)
         for one in stepped:

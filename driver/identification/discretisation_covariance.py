@@ -1,10 +1,10 @@
 """Covariance of what the mesh leaves wrong in a prediction.
 
 The finer-minus-working difference is added to every prediction (defect correction). What that
-leaves wrong is not known, but how large it is and when it occurs is: its root mean square is a
-share κ of the correction (`mesh_error`). In time it follows the correction; in space it is taken as
-a Gaussian field over the face, as rough as the finer elements and with the mean square of the
-correction in each of u, v, w. The loads get the pattern of their own correction, at amplitude κ.
+leaves wrong is not known, but how large it is and when it occurs is: in the motion its root mean
+square is a share κ of the correction (`mesh_error`). In time it follows the correction; in space it
+is taken as a Gaussian field over the face, as rough as the finer elements and with the mean square
+of the correction in each of u, v, w. The loads have one pattern (`mesh_error.load_left`).
 
 Images resolve fractions of a nanometre where a mesh error lasts for a whole test. Without this
 term every cause that resembles a mesh error would be found significant.
@@ -34,7 +34,7 @@ class DiscretisationError:
     Attributes:
         shapes: shapes in time times their amplitudes, κ included, frames first, shape (T, m).
         field: covariance over the whitened numbers of one image, trace 1, shape (n_z, n_z).
-        load: pattern of the load error, κ included [µN], shape (T,).
+        load: pattern of the load error [µN], shape (T,).
     """
 
     shapes: FloatArray
@@ -73,9 +73,9 @@ def simulation_error(
         image: the image part of the data.
         motion: correction of the motion at the pixels, as far as it is of the mesh [µm], shape
             (T, n_pix, 3).
-        load: the same of the load [µN], shape (T,).
+        load: pattern of what is left of the load [µN], shape (T,).
         size: element size of the finer mesh [µm].
-        kappa: root mean square of the error over that of the correction.
+        kappa: root mean square of the error of the motion over that of its correction.
     """
     z = image.pixel_sensitivity(motion)
     left, amplitude, _ = np.linalg.svd(z, full_matrices=False)
@@ -87,7 +87,7 @@ def simulation_error(
     )
     covariance = effect.T @ effect
     total = float(np.trace(covariance))  # 0 where the finer simulation agrees exactly
-    return DiscretisationError(shapes, covariance / total if total else covariance, kappa * load)
+    return DiscretisationError(shapes, covariance / total if total else covariance, load)
 
 
 def _fields(xy: FloatArray, size: float) -> FloatArray:

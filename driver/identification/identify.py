@@ -27,7 +27,7 @@ from driver.identification.data import Data
 from driver.identification.discretisation_covariance import simulation_error
 from driver.identification.fit import Fit, fit, fit_from, to_its_end
 from driver.identification.identifiability import refuse_what_is_not_seen
-from driver.identification.mesh_error import share_left
+from driver.identification.mesh_error import load_left, share_left
 from driver.identification.multistart import Outcome, draw_starts, from_each_start
 from driver.identification.objective import Evaluation, Objective
 from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
@@ -261,8 +261,9 @@ def with_correction(
         sizes: element sizes of the working and of the finer mesh [µm].
     """
     image = replace(objective.data.image, noise_factor=noise_factor)
-    kappa = share_left(objective.model.microstructure.mesh, sizes)
-    error = simulation_error(image, *change.of_mesh, sizes[1], kappa)
+    mesh, (motion, load) = objective.model.microstructure.mesh, change.of_mesh
+    left = load_left(mesh, sizes, load, objective.data.load)
+    error = simulation_error(image, motion, left, sizes[1], share_left(mesh, sizes))
     data = replace(
         objective.data, image=image, simulation_error=error, step_error=change.left_by_steps
     )

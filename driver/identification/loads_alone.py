@@ -26,7 +26,7 @@ from driver.identification.identify import (
     elastic_stiffness,
     unload_elastically,
 )
-from driver.identification.mesh_error import share_left
+from driver.identification.mesh_error import load_left
 from driver.identification.objective import Objective
 
 logger = logging.getLogger(__name__)
@@ -61,12 +61,12 @@ def identify_from_loads(
     weights = model.boundary.weights[model.image_row][data.load_index]
     begin = unload_elastically(start, stiffness, weights, data.load[data.load_index])
     first = fit(objective, begin, plan.free("B"), plan.most, share=START)
-    kappa, last = share_left(model.microstructure.mesh, plan.sizes), first
+    last = first
     for turn in range(MOST_CORRECTIONS):
         logger.info("finer mesh and steps at the result, for the correction")
         here = last
         change = correction(model, finer, here.best.prediction, here.values, with_steps=True)
-        left = kappa * change.of_mesh[1]
+        left = load_left(model.microstructure.mesh, plan.sizes, change.of_mesh[1], data.load)
         error = DiscretisationError(np.zeros((left.size, 0)), np.zeros((0, 0)), left)
         corrected = replace(
             objective,

@@ -14,7 +14,6 @@ from driver.experiment.history import History, turning_points
 from driver.forward.build import adapter_of, build_model, mesh_of, next_coarser
 from driver.forward.mesh_extrapolation import extrapolated_with
 from driver.forward.model import ForwardModel
-from driver.forward.surface_projection import apply
 from driver.parameters.boundary import AMPLITUDE_DECLARATIONS, elongation_names, tilt_names
 from driver.virtual.settings import Program
 from meshes.arrays import FloatArray
@@ -131,8 +130,8 @@ def pull(
     less = seen_course(coarser, coarser.simulation(values), history, values, progress)
     return replace(
         course,
-        motion=pair.extrapolated(course.motion, apply(pair.nodes, less.motion)),
-        load=pair.extrapolated(course.load, less.load),
+        motion=pair.motion(course.motion, less.motion),
+        load=pair.load(course.load, less.load),
     )
 
 

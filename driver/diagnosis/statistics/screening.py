@@ -15,7 +15,7 @@ from driver.forward.dwell_time import dwells
 from driver.forward.model import ForwardModel
 from driver.identification.correction import Correction
 from driver.identification.fit import Fit
-from driver.identification.mesh_error import variance_left
+from driver.identification.mesh_error import patterns_left
 from driver.identification.objective import Objective
 from driver.parameters.history import HOLD
 from driver.parameters.instrument import PATTERN_DECLARATIONS
@@ -88,7 +88,8 @@ def screen(
     Returns:
         The scores, and the variance that they count along the causes, 1 for noise alone.
     """
-    family, degrees = len(candidates) + 1, objective.data.load_degrees
+    data = objective.data
+    family, degrees = len(candidates) + 1, data.load_degrees
     pairs = list(zip(candidates, effects, strict=True))
     change = objective.correction
     if isinstance(change.load, np.ndarray):
@@ -102,8 +103,13 @@ def screen(
             for cause, effect in pairs
         ]
 
-    share = variance_left(objective.model.microstructure.mesh, sizes)
-    variance = score_variance(scored(1.0), objective.data, change, share)
+    # What steps of first order leave is in the covariance, with its own pattern.
+    left = (
+        patterns_left(objective.model.microstructure.mesh, sizes, change.of_mesh, data.load)
+        if isinstance(change.load, np.ndarray)
+        else []
+    )
+    variance = score_variance(scored(1.0), data, left)
     return sorted(scored(variance), key=lambda s: -s.log_evidence), variance
 
 

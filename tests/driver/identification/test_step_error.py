@@ -155,7 +155,7 @@ def test_of_hexahedra_what_is_of_the_mesh_is_extrapolated_and_what_is_of_the_ste
 ) -> None:
     """Finer minus working is m + s, s half of the error of the steps: m (1 + κ) + s is wanted."""
     working, finer, halved_model = of_hexahedra("backward_euler", (2.0, 1), (1.0, 2), (2.0, 2))
-    share = lacking_share(working.microstructure.mesh, finer.microstructure.mesh)
+    share = lacking_share(working.microstructure.mesh, finer.microstructure.mesh).load
     coarse, fine, halved = (m.predict(values()) for m in (working, finer, halved_model))
     of_steps = halved.load - coarse.load
     expected = of_steps + (1 + share) * (fine.load - coarse.load - of_steps)
@@ -168,7 +168,7 @@ def test_of_hexahedra_what_is_of_the_mesh_is_extrapolated_and_what_is_of_the_ste
 def test_steps_of_second_order_are_finer_on_the_working_mesh_alone() -> None:
     """What finer cells and finer steps change beyond the sum of each is a product of errors."""
     working, finer, stepped = of_hexahedra("exponential", (2.0, 1), (1.0, 2), (2.0, 2))
-    share = lacking_share(working.microstructure.mesh, finer.microstructure.mesh)
+    share = lacking_share(working.microstructure.mesh, finer.microstructure.mesh).load
     coarse, fine, more_steps, finer_cells = (
         m.predict(values()) for m in (working, finer, stepped, finer.in_steps_of(working))
     )

@@ -9,9 +9,8 @@ import pytest
 from driver.diagnosis.causes.causes import Category, Cause
 from driver.diagnosis.statistics.discretisation_variance import score_variance
 from driver.diagnosis.statistics.score_test import Score, score
-from driver.identification.correction import Correction
 from driver.identification.data import Data
-from driver.identification.mesh_error import variance_left
+from driver.identification.mesh_error import patterns_left
 from meshes.arrays import FloatArray
 from meshes.prism import PrismGeometry, generate
 from tests.driver.analytic import evaluation
@@ -19,7 +18,8 @@ from tests.driver.analytic import evaluation
 RNG = np.random.default_rng(21)
 T, N, K = 10, 400, 40
 WORKING, FINER = 1.6, 1.0
-SHARE = variance_left(generate(PrismGeometry(2.0, 2.0, 2.0), WORKING), (WORKING, FINER))
+MESH = generate(PrismGeometry(2.0, 2.0, 2.0), WORKING)
+Patterns = list[tuple[FloatArray, FloatArray]]
 
 
 def data(counted: float) -> Data:
@@ -41,17 +41,18 @@ def scores(category: Category) -> list[Score]:
     return [score(cause, 3.0 * np.eye(1, N, k), baseline, K) for k, cause in enumerate(causes)]
 
 
-def difference(of_causes: float, elsewhere: float) -> Correction:
-    """Two meshes that err each in its own way, in proportion to their sizes."""
+def left_by(of_causes: float, elsewhere: float) -> Patterns:
+    """Of two meshes that err each in its own way, in proportion to their sizes."""
     spread = np.where(np.arange(N) < K, of_causes, elsewhere)
     fine, coarse = (h * spread * RNG.standard_normal(N) for h in (FINER, WORKING))
-    return Correction((coarse - fine).reshape(T, -1, 1), np.zeros(T))
+    change = (coarse - fine).reshape(T, -1, 1), np.zeros(T)
+    return patterns_left(MESH, (WORKING, FINER), change, np.ones(T))
 
 
-def test_what_the_finer_mesh_leaves_along_the_causes_is_told_from_the_difference() -> None:
+def test_what_the_finer_mesh_leaves_along_the_causes_is_told_from_the_patterns() -> None:
     """Its variance there is (h_fine · 1.5)²; what happens elsewhere says nothing."""
     found = [
-        score_variance(scores("material"), data(0.0), difference(1.5, elsewhere), SHARE)
+        score_variance(scores("material"), data(0.0), left_by(1.5, elsewhere))
         for elsewhere in (0.0, 20.0)
         for _ in range(50)
     ]
@@ -60,17 +61,17 @@ def test_what_the_finer_mesh_leaves_along_the_causes_is_told_from_the_difference
 
 
 def test_what_the_whitening_counts_already_is_not_counted_twice() -> None:
-    large = difference(1.5, 0.0)
-    whole = score_variance(scores("boundary"), data(0.0), large, SHARE)
-    assert whole - score_variance(scores("boundary"), data(0.4), large, SHARE) == pytest.approx(0.4)
-    assert score_variance(scores("boundary"), data(0.9), difference(0.1, 0.0), SHARE) == 1.0
+    large = left_by(1.5, 0.0)
+    whole = score_variance(scores("boundary"), data(0.0), large)
+    assert whole - score_variance(scores("boundary"), data(0.4), large) == pytest.approx(0.4)
+    assert score_variance(scores("boundary"), data(0.9), left_by(0.1, 0.0)) == 1.0
 
 
 def test_without_a_correction_or_causes_of_the_specimen_noise_alone_counts() -> None:
-    assert score_variance(scores("material"), data(0.0), Correction(), SHARE) == 1.0
-    large = difference(9.0, 9.0)
-    assert score_variance(scores("instrument"), data(0.0), large, SHARE) == 1.0
-    assert score_variance([], data(0.0), large, SHARE) == 1.0
+    assert score_variance(scores("material"), data(0.0), []) == 1.0
+    large = left_by(9.0, 9.0)
+    assert score_variance(scores("instrument"), data(0.0), large) == 1.0
+    assert score_variance([], data(0.0), large) == 1.0
 
 
 def test_a_wider_score_is_that_of_data_as_much_noisier() -> None:
