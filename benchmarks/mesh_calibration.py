@@ -77,8 +77,8 @@ def main() -> None:
             show(title, float(ratios.mean()), "0.7 to 1.3")
 
 
-def drawn(specimen: Specimen, number: int) -> Specimen:
-    """Return a specimen with orientations and a law of its own, and its converged prediction."""
+def redrawn(specimen: Specimen, number: int) -> Specimen:
+    """Return a specimen with orientations and a law of its own, without its reference."""
     rng = np.random.default_rng(number)
     turned = Rotation.random(len(specimen.case.grains), rng).as_euler("ZXZ", degrees=True)
     grains = tuple(
@@ -91,16 +91,25 @@ def drawn(specimen: Specimen, number: int) -> Specimen:
         for name in specimen.problem.law
     }
     problem = replace(specimen.problem, working=model_on(case, specimen.problem, WORKING))
-    truth = dict(specimen.truth) | law
-    values = problem.working.null_values() | truth
+    return replace(specimen, case=case, problem=problem, truth=dict(specimen.truth) | law)
+
+
+def drawn(specimen: Specimen, number: int) -> Specimen:
+    """Return a specimen with orientations and a law of its own, its converged loads measured."""
+    other = redrawn(specimen, number)
+    values = other.problem.working.null_values() | dict(other.truth)
     pairs = [
         (
-            model_on(case, problem, Discretisation(kind, large, True)),
-            model_on(case, problem, Discretisation(kind, small, True)),
+            model_on(other.case, other.problem, Discretisation(kind, large, True)),
+            model_on(other.case, other.problem, Discretisation(kind, small, True)),
         )
         for kind, (large, small) in SMALLEST
     ]
-    return Specimen(case, problem, truth, mesh_reference.made(pairs, values))
+    reference = mesh_reference.made(pairs, values)
+    objective = other.problem.objective
+    data = replace(objective.data, load=reference.load.mean(axis=0))
+    problem = replace(other.problem, objective=replace(objective, data=data))
+    return replace(other, problem=problem, reference=reference)
 
 
 def lefts(ruler: Ruler) -> dict[str, Left]:
