@@ -1,6 +1,6 @@
 """With which power of the size the error of the mesh falls, in the motion of the face and the load.
 
-    python -m benchmarks.mesh_order          the short specimen and the draws 0 and 3 to 6, half an hour
+    python -m benchmarks.mesh_order          the short specimen and five draws, half an hour
     python -m benchmarks.mesh_order 0 1 2    the short specimen and these draws
 
 The specimen of the blind trial, and draws of `benchmarks.mesh_calibration`. Predictions on smaller

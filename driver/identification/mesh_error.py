@@ -20,8 +20,8 @@ _LEFT = 3.6
 """m³ times the share of the error of one cell on half of a side that m cells leave, extrapolated:
 0.45, 0.12, 0.06 and 0.03 were measured with 2, 3, 4 and 5."""
 _LOAD_LEFT = 0.013
-"""m² times the share of itself by which an extrapolated load is off: 0.015 with m = 2, 0.011 with 3,
-root mean square of six specimens."""
+"""m² times the share of itself by which an extrapolated load is off: 0.015 with m = 2, 0.011 with
+3, root mean square of six specimens."""
 
 
 def share_left(mesh: PrismMesh, sizes: tuple[float, float]) -> float:
