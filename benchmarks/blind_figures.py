@@ -51,6 +51,8 @@ def print_figures(lines: Sequence[Record]) -> None:
         show_share(f"{kind}: nothing wrong [%]", silent, ">= 97" if kind == "null" else ">= 97.5")
     own = [p < NAMING_LEVEL for x in kinds["null"] if (p := x.get("discretisation")) is not None]
     show_share("null: the simulation's own error is significant [%]", own, "none")
+    if len(own) < len(kinds["null"]):
+        print(f"  {len(kinds['null']) - len(own)} null(s) of earlier programs do not say it")
     large = [line for line in kinds["cause"] if line["misfit"] >= 6]
     _of_causes("misfit >= 6 sigma", large, "96")
     loud = [line for line in kinds["cause"] + kinds["large"] if line["chi_load"][0] >= 10]

@@ -225,7 +225,9 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
             write_case(stated.model_copy(update={"specimen": known_case(refined).specimen}), path)
             run_stages(load_case(path), _chain(stated), "diagnose")
             diagnosis = json.loads((path.parent / "results" / "diagnosis.json").read_text("utf-8"))
-            if diagnosis["verdict"] != "numerics" or diagnosis["numerics"]["needed"] != "mesh":
+            check = diagnosis["numerics"]
+            asked = diagnosis["verdict"] == "numerics" or check["passed"]
+            if check["needed"] != "mesh" or not asked:
                 break
         known = tuple(BY_NAME[n] for n in trial.truths if n in BY_NAME)
         left = left_of(path, truth.course, known) if trial.truths else Left(0.0, (), ())

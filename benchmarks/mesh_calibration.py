@@ -29,6 +29,7 @@ from benchmarks.numerics import (
 )
 from driver.forward.mesh_extrapolation import lacking_share
 from driver.identification.correction import Correction
+from driver.identification.mesh_error import share_left
 from tools import mesh_reference
 from tools.converged_truth import SMALLEST
 
@@ -47,11 +48,15 @@ class Left:
         beside: error of the corrected prediction beside the parameters [σ].
         images: mean square of its error over the stated one, of the images.
         loads: the same of the loads.
+        of_correction: its error in the motion over the correction, root mean square.
+        of_load: its error in the load over the load, root mean square.
     """
 
     beside: float
     images: float
     loads: float
+    of_correction: float
+    of_load: float
 
 
 def main() -> None:
@@ -66,7 +71,8 @@ def main() -> None:
                 found.setdefault(name, []).append(left)
                 print(
                     f"  {name}: {left.beside:.1f} σ beside the parameters; over the stated one "
-                    f"{left.images:.2f} of the images, {left.loads:.2f} of the loads",
+                    f"{left.images:.2f} of the images, {left.loads:.2f} of the loads: "
+                    f"{left.of_correction:.2f} of the correction, {left.of_load:.2%} of the load",
                     flush=True,
                 )
     for name, of in found.items():
@@ -75,6 +81,9 @@ def main() -> None:
             print(f"{name}, {what}: from {ratios.min():.2f} to {ratios.max():.2f}")
             title = f"{name}: mean square of the error over the stated one, {what}, mean of draws"
             show(title, float(ratios.mean()), "0.7 to 1.3")
+        for what, title in (("of_correction", "correction"), ("of_load", "load")):
+            shares = np.array([getattr(left, what) for left in of])
+            print(f"{name}: share of the {title}, rms of draws = {np.sqrt(np.mean(shares**2)):.4f}")
 
 
 def redrawn(specimen: Specimen, number: int) -> Specimen:
@@ -122,7 +131,11 @@ def lefts(ruler: Ruler) -> dict[str, Left]:
         change = Correction(best.motion - seen[WORKING].motion, best.load - seen[WORKING].load)
         images, loads = ruler.calibration(best, change, WORKING, finer)
         name = f"{WORKING.kind} {WORKING.size:g} µm by {coarser.size:g} → {finer.size:g} µm"
-        found[name] = Left(ruler.error(best).beside, images, loads)
+        stated = share_left(ruler.model(WORKING).microstructure.mesh, (WORKING.size, finer.size))
+        error, loads_rms = ruler.error(best), float(np.sqrt(np.mean(best.load**2)))
+        found[name] = Left(
+            error.beside, images, loads, stated * float(np.sqrt(images)), error.load / loads_rms
+        )
     return found
 
 

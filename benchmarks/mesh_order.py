@@ -97,7 +97,8 @@ def power_of(sizes: Sequence[float], ratio: float) -> float:
 
     if off(_POWERS[0]) * off(_POWERS[1]) > 0:
         return float("nan")
-    return float(brentq(off, *_POWERS))
+    power: float = brentq(off, *_POWERS)
+    return power
 
 
 if __name__ == "__main__":

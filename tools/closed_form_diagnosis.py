@@ -56,7 +56,14 @@ def identified(
     sizes: tuple[float, float] = SIZES,
     by: float = 0.001,
 ) -> tuple[Objective, Fit]:
-    """Return the baseline of a diagnosis: all but the extensions fitted, with the correction."""
+    """Return the baseline of a diagnosis: all but the extensions fitted, with the correction.
+
+    Args:
+        b: the specimen.
+        made_with: objective of the data.
+        sizes: of the elements of the working and of the finer mesh, as they are told [µm].
+        by: by how much the finer simulation is another one (`finer`).
+    """
     n = len(KNOTS) + 1
     pose = tuple(p.name for p in POSE_DECLARATIONS)
     free = (*LAMBDAS, *pose, *elongation_names(n), *tilt_names(n), *LAW)

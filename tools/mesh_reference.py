@@ -18,12 +18,12 @@ from meshes.surface import SurfaceMesh, interpolation, trace
 
 FOLDER = Path(__file__).parent / "references"
 ORDER_OF_MOTION = 1.5
-"""Power of the size with which errors of cells below 0.7 µm fall (benchmarks/numerics.md).
+"""Power of the size by which motions are extrapolated from cells below 0.7 µm.
 
 A judge has constants of its own: those of the program may change.
 """
 ORDER_OF_LOAD = 1.25
-"""The same of the load, by which both kinds of cells agree best."""
+"""The same of loads: by it both kinds of cells agree best (benchmarks/numerics.md)."""
 _INSET = 1e-6  # µm, by which points of an edge are drawn onto the face
 
 

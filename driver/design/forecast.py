@@ -190,7 +190,8 @@ def forecast(own: Prepared, simulated: Simulated) -> Forecast:
     test, case = own.plan.variant.test, own.plan.variant.case
     n_images = own.history.n_images
     index = np.repeat(np.arange(n_images), test.images_per_stop)
-    data = own.problem.objective.data.frames(index)
+    planned = replace(own.problem.objective.data, load=simulated.prediction.load)
+    data = planned.frames(index)
     objective = replace(own.problem.objective, data=data, prior=_priors(own))
     if test.exact_simulation:
         objective = replace(objective, correction=simulated.change)

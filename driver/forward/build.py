@@ -122,10 +122,10 @@ def another_mesh_of(case: Case, size: float, points: FloatArray) -> PrismMesh:
     """Return a mesh of smaller elements that may contradict one of a size.
 
     Hexahedra, and a mesh of the user's own: cells of two thirds of the size, whose error is half as
-    large. Tetrahedra: cells
-    somewhat smaller with few nodes in common; numbers of elements along an edge are whole, and
-    meshes of nearly the same size may be the same, so that it is the largest of six with at most a
-    fifth in common, or the smallest where none has.
+    large in the motion and two thirds as large in the load. Tetrahedra: cells somewhat smaller with
+    few nodes in common; numbers of elements along an edge are whole, and meshes of nearly the same
+    size may be the same, so that it is the largest of six with at most a fifth in common, or the
+    smallest where none has.
 
     Args:
         case: the case.

@@ -1,8 +1,8 @@
 """A prediction on cells of no size, from two meshes of hexahedra (Richardson's extrapolation).
 
-Hexahedra of two sizes are meshes of one family, swept over the same section: their errors keep
-their shape and fall with a power of the size, which is another one for the motion of the face and
-for the load (benchmarks/numerics.md). Tetrahedra of two sizes are meshes of their own, and no such
+Hexahedra of two sizes are meshes of one family, swept over the same section: their errors fall
+with a power of the size (benchmarks/numerics.md). The error of the load keeps its shape, that of
+the motion of the face does so in part. Tetrahedra of two sizes are meshes of their own, and no such
 pair.
 """
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from driver.forward.model import ForwardModel
 
 ORDER_OF_MOTION = 1.5
-"""Power of the size with which the error of hexahedra falls in the motion of the face."""
+"""Power of the size by which the motion of the face is extrapolated."""
 ORDER_OF_LOAD = 1.0
-"""The same in the load."""
+"""Power of the size by which the load is extrapolated."""
 _LARGEST = 0.8  # ratio of sizes
 _HEXAHEDRON = 20  # nodes
 _INSET = 1e-6  # µm, by which nodes of an edge are drawn onto the face

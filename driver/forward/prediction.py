@@ -64,6 +64,8 @@ class Prediction:
 
     def with_derivatives_times(self, motion: float, load: float) -> Prediction:
         """Return the prediction with its derivatives of motion and load times factors."""
+        if motion == load == 1.0:
+            return self
         return replace(
             self,
             d_surface=motion * self.d_surface,

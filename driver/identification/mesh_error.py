@@ -50,11 +50,10 @@ def load_left(
     Args:
         mesh: the working mesh.
         sizes: of the cells of the working and of the finer mesh [µm].
-        change: the correction of the load as far as it is of the mesh [µN], (T,); where it is zero
-            throughout the mesh makes no difference.
+        change: the correction of the load as far as it is of the mesh [µN], (T,).
         load: as measured [µN], (T,).
     """
-    if mesh.cells.shape[1] != _HEXAHEDRON or not np.any(change):
+    if mesh.cells.shape[1] != _HEXAHEDRON:
         return share_left(mesh, sizes) * change
     return _LOAD_LEFT / Section.of(mesh.points).divisions(sizes[1]) ** 2 * load
 

@@ -306,7 +306,7 @@ def _diagnosis(path: Path) -> Record:
         "not_examined", "numerics", "warnings", "travel_ratio",
     )  # fmt: skip
     record = _record(path, entries)
-    for entry in ("off_by_mesh", "between_meshes", "fitted_anew"):
+    for entry in ("off_by_mesh", "between_meshes", "fitted_anew", "missing_share"):
         if entry not in record["numerics"]:
             raise damaged(path, f"no entry {entry} in numerics")
     for step in record["steps"]:

@@ -88,6 +88,7 @@ def diagnosis_record(
             "needed": found.numerics.needed,
             "between_meshes": found.numerics.between_meshes,
             "fitted_anew": found.numerics.fitted_anew,
+            "missing_share": found.numerics.missing and list(found.numerics.missing),
             "off_by_mesh": {n: found.off_by_mesh(n) for n in added_parameters(found)},
         },
         "load_noise": {

@@ -1,4 +1,4 @@
-"""The refinement that a verdict *numerics* asks for: what it takes, and whether it is made.
+"""The refinement that a diagnosis asks for: what it takes, and whether it is made.
 
 Meshes of automatic sizes are refined as long as time and memory hold it; in any other case the
 verdict names the keys to write.
@@ -111,7 +111,7 @@ def told_beforehand(case: Case, cost: Cost) -> str:
 
 
 def to_refine(case: Case, needed: Refinement, seconds: float) -> str:
-    """Say what to write into a case whose verdict is *numerics*, and what that takes.
+    """Say what to write into a case whose diagnosis asks for a refinement, and what that takes.
 
     Args:
         case: the case, with sizes in numbers.
@@ -171,9 +171,12 @@ def refined_within_budget(case: Case, done: str, stages: Sequence[Stage]) -> Cas
         why = "time" if finer.cost.seconds > left else "memory"
         logger.info(f"not refined, for lack of {why}: {_of(finer)}, {_left(left, case)}")
         return None
-    logger.info(
-        f"the mesh keeps the verdict open and is refined: {_of(finer)}, {_left(left, case)}"
+    what = (
+        "the answer is held against a finer mesh"
+        if check["passed"]
+        else "the mesh keeps the verdict open and is refined"
     )
+    logger.info(f"{what}: {_of(finer)}, {_left(left, case)}")
     write_refinements(results, Refinements(before.level + 1, before.seconds + again))
     return finer_case
 

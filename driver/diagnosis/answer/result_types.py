@@ -148,10 +148,12 @@ class DiscretisationCheck:
         effect: largest effect on the score of any cause [σ], root mean square over its degrees of
             freedom; between two meshes that along its most affected direction.
         along: the cause whose score it would change most, or the added parameter.
-        needed: what a refinement has to refine, None where none is asked for or that is not known
-            yet.
+        needed: what a refinement has to refine, for the effect or for the missing share, None where
+            none is asked for or that is not known yet.
         between_meshes: whether it is the change from one finer mesh to another.
         fitted_anew: how often the result was fitted with the correction at its own end before.
+        missing: share of the correction that the data show beside it and its standard deviation,
+            None where none is significant.
     """
 
     effect: float
@@ -159,6 +161,7 @@ class DiscretisationCheck:
     needed: Refinement | None = None
     between_meshes: bool = False
     fitted_anew: int = 0
+    missing: tuple[float, float] | None = None
 
     @property
     def passed(self) -> bool:

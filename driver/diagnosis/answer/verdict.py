@@ -145,17 +145,20 @@ def with_what_one_mesh_shows(verdict: Verdict, title: str, apart: float) -> Verd
     return replace(verdict, text=f"{verdict.text} {shown}", next=f"{verdict.next} {REFINE}")
 
 
-def with_missing_share(verdict: Verdict, share: float, sigma: float) -> Verdict:
-    """Return a verdict that tells that the correction of the simulation does not do.
+def with_share_of_correction(verdict: Verdict, share: float, sigma: float) -> Verdict:
+    """Return a verdict that tells that what is left resembles the correction of the simulation.
 
     Args:
         verdict: the answer.
-        share: of the correction that the data show beside it, negative where they deny it.
+        share: of the correction that the data show beside it, negative where they take it back.
         sigma: its standard deviation.
     """
-    size = f"{abs(share):.2f} ± {sigma:.2f} of the correction by the finer simulation"
-    seen = f"show {size} once more" if share > 0 else f"deny {size}"
-    shown = f"The data {seen}: its cells or time steps are not small enough."
+    size = f"{abs(share):.2f} ± {sigma:.2f}"
+    wanted = f"ask for another {size} of it" if share > 0 else f"take back {size} of it"
+    shown = (
+        f"Yet beside the correction by finer cells and time steps the data {wanted}: a finer "
+        "simulation would tell."
+    )
     return replace(verdict, text=f"{verdict.text} {shown}", next=f"{verdict.next} {REFINE}")
 
 
@@ -229,7 +232,7 @@ def with_refinement(verdict: Verdict, refinement: str) -> Verdict:
     """Return a verdict that names the refinement in place of asking for one.
 
     Args:
-        verdict: the answer, *numerics*.
+        verdict: the answer.
         refinement: what to write, and what it takes, as sentences.
     """
     return replace(verdict, next=verdict.next.replace(REFINE, refinement))

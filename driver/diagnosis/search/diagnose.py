@@ -16,8 +16,8 @@ from driver.diagnosis.answer.verdict import (
     decide,
     with_bounds,
     with_doubts,
-    with_missing_share,
     with_own_error_counted,
+    with_share_of_correction,
     with_what_one_mesh_shows,
 )
 from driver.diagnosis.causes.all_causes import every
@@ -31,8 +31,7 @@ from driver.diagnosis.search.boundary_noise import (
 )
 from driver.diagnosis.search.discretisation_check import (
     discretisation_check,
-    missing,
-    needed_for,
+    with_missing_share,
     with_what_is_needed,
 )
 from driver.diagnosis.search.extension import Extension
@@ -135,10 +134,8 @@ def diagnose(
             verdict = answer(numerics=passed.words)
     elif passed.between_meshes:
         verdict = with_what_one_mesh_shows(verdict, passed.along.title, passed.effect)
-    elif (own := missing(rounds[-1].scores)) is not None:
-        verdict = with_missing_share(verdict, float(own.estimate[0]), float(own.sigma[0]))
-        needed = needed_for(own, current, fitted, final.fresh, end.finer.one)
-        passed = replace(passed, needed=needed)
+    if passed.missing is not None:
+        verdict = with_share_of_correction(verdict, *passed.missing)
     fits = {"identified": first.fit} | ({"extended": fitted} if causes else {})
     verdict = with_doubts(
         verdict,
@@ -208,6 +205,9 @@ def _with_own_error_tested(
             passed, end.objective, end.fit, fresh, end.finer.one,
             selection.rounds[-1].scores, _added(end),
         )  # fmt: skip
+    if passed.passed:
+        end, last = selection.end, selection.rounds[-1]
+        passed = with_missing_share(passed, last, end.objective, end.fit, fresh, end.finer.one)
     return selection, final, passed
 
 

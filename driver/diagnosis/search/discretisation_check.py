@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from driver.common.outcomes import Failure, attempt
 from driver.common.progress import quiet
-from driver.diagnosis.answer.result_types import DiscretisationCheck, Refinement
+from driver.diagnosis.answer.result_types import DiscretisationCheck, Refinement, Round
 from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.statistics.correction_change import whitened_difference
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score
@@ -19,6 +20,7 @@ from driver.identification.objective import Evaluation, Objective
 from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
 
+_SURE = 2.0  # standard deviations by which a share is known
 _MATTERS = 0.5  # of the larger of two effects, from which the smaller one counts, too
 
 
@@ -97,31 +99,47 @@ def with_what_is_needed(
     return replace(check, needed=_refinement(objective, here, fresh, finer, along))
 
 
-def missing(scores: Sequence[Score]) -> Score | None:
-    """Return the score of the discretisation where the data show more of the correction, or less.
+def with_missing_share(
+    check: DiscretisationCheck,
+    last: Round,
+    objective: Objective,
+    here: Fit,
+    fresh: Correction,
+    finer: ForwardModel,
+) -> DiscretisationCheck:
+    """Return a check that was passed with the share of the correction that the data show beside it.
+
+    A larger share than the whole is that of another effect, which resembles the correction by
+    chance, and where the tests of the residual reject a finer simulation would be no remedy.
 
     Args:
-        scores: of the causes that were tried last.
-    """
-    return next((s for s in scores if s.cause == NUMERICS and s.p < NAMING_LEVEL), None)
-
-
-def needed_for(
-    seen: Score, objective: Objective, here: Fit, fresh: Correction, finer: ForwardModel
-) -> Refinement:
-    """Return what has to be refined where the data show the discretisation.
-
-    Args:
-        seen: its score.
+        check: the check.
+        last: the last round.
         objective: of the fit.
         here: the fit.
         fresh: finer minus working prediction at the fit.
         finer: the finer model.
 
     Raises:
-        SolverError: the simulation that tells it could not be finished.
+        NotRunError: the simulation that tells what to refine was not run.
+        JobError, ResultFileError: it was killed, ran out of time or left no result.
     """
-    return _refinement(objective, here, fresh, finer, _Direction(seen.cause, seen.directions))
+    own = next((s for s in last.scores if s.cause == NUMERICS and s.p < NAMING_LEVEL), None)
+    if own is None or not last.goodness_of_fit.accepted:
+        return check
+    share, sigma = float(own.estimate[0]), float(own.sigma[0])
+    if abs(share) > 1.0 + _SURE * sigma:
+        return check
+    needed: Refinement | Failure | None = check.needed
+    if needed is None:
+        along = _Direction(own.cause, own.directions)
+        needed = attempt(lambda: _refinement(objective, here, fresh, finer, along))
+    # Of time steps that cannot be simulated on the working mesh nothing is known.
+    return replace(
+        check,
+        missing=(share, sigma),
+        needed="mesh" if isinstance(needed, Failure) else needed,
+    )
 
 
 def _directions(

@@ -91,9 +91,11 @@ def screen(
     data = objective.data
     family, degrees = len(candidates) + 1, data.load_degrees
     pairs = list(zip(candidates, effects, strict=True))
-    change = objective.correction
+    change, left = objective.correction, []
     if isinstance(change.load, np.ndarray):
         pairs.append((NUMERICS, whitened_difference(objective, change, Correction())[None]))
+        # What steps of first order leave is in the covariance, with its own pattern.
+        left = patterns_left(objective.model.microstructure.mesh, sizes, change.of_mesh, data.load)
 
     off = off_by_meshes(objective)
 
@@ -103,12 +105,6 @@ def screen(
             for cause, effect in pairs
         ]
 
-    # What steps of first order leave is in the covariance, with its own pattern.
-    left = (
-        patterns_left(objective.model.microstructure.mesh, sizes, change.of_mesh, data.load)
-        if isinstance(change.load, np.ndarray)
-        else []
-    )
     variance = score_variance(scored(1.0), data, left)
     return sorted(scored(variance), key=lambda s: -s.log_evidence), variance
 

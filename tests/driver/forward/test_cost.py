@@ -44,7 +44,7 @@ def test_more_slip_systems_take_more_time_and_memory() -> None:
 
 
 @pytest.mark.parametrize(("kind", "size"), [("hex20", 0.4), ("tet10", 0.35)])
-def test_the_estimate_counts_one_factor_where_the_solver_keeps_one(
+def test_cells_from_which_one_factor_is_estimated_have_the_unknowns_at_which_it_is_kept(
     kind: CellKind, size: float
 ) -> None:
     mesh = generate(geometry_of(load_case(ALPHA / "case.toml")), size, kind)

@@ -155,31 +155,43 @@ def test_of_hexahedra_what_is_of_the_mesh_is_extrapolated_and_what_is_of_the_ste
 ) -> None:
     """Finer minus working is m + s, s half of the error of the steps: m (1 + κ) + s is wanted."""
     working, finer, halved_model = of_hexahedra("backward_euler", (2.0, 1), (1.0, 2), (2.0, 2))
-    share = lacking_share(working.microstructure.mesh, finer.microstructure.mesh).load
+    share = lacking_share(working.microstructure.mesh, finer.microstructure.mesh)
     coarse, fine, halved = (m.predict(values()) for m in (working, finer, halved_model))
-    of_steps = halved.load - coarse.load
-    expected = of_steps + (1 + share) * (fine.load - coarse.load - of_steps)
     change = correction(working, finer, coarse, values(), with_steps=with_steps)
-    assert share > 0.3 and np.linalg.norm(of_steps) > 1.0
-    np.testing.assert_allclose(change.load, expected, atol=1e-6 * abs(expected).max())
+    assert share.load > share.motion > 0.3
+    assert np.linalg.norm(halved.load - coarse.load) > 1.0
+    for found, of_it, less, more, stepped in (
+        (change.load, share.load, coarse.load, fine.load, halved.load),
+        (change.motion, share.motion, coarse.motion, fine.motion, halved.motion),
+    ):
+        of_steps = stepped - less
+        expected = of_steps + (1 + of_it) * (more - less - of_steps)
+        np.testing.assert_allclose(found, expected, atol=1e-6 * abs(expected).max())
     assert (change.left_by_steps is not None) == with_steps
 
 
 def test_steps_of_second_order_are_finer_on_the_working_mesh_alone() -> None:
     """What finer cells and finer steps change beyond the sum of each is a product of errors."""
     working, finer, stepped = of_hexahedra("exponential", (2.0, 1), (1.0, 2), (2.0, 2))
-    share = lacking_share(working.microstructure.mesh, finer.microstructure.mesh).load
+    share = lacking_share(working.microstructure.mesh, finer.microstructure.mesh)
     coarse, fine, more_steps, finer_cells = (
-        m.predict(values()) for m in (working, finer, stepped, finer.in_steps_of(working))
+        m.predict(values(), ("tau0",))
+        for m in (working, finer, stepped, finer.in_steps_of(working))
     )
     change = correction(working, finer, coarse, values(), free=("tau0",))
     of_steps, of_mesh = more_steps.load - coarse.load, finer_cells.load - coarse.load
-    np.testing.assert_allclose(change.load, of_steps + (1 + share) * of_mesh, rtol=1e-6, atol=1e-6)
+    expected = of_steps + (1 + share.load) * of_mesh
+    np.testing.assert_allclose(change.load, expected, rtol=1e-6, atol=1e-6)
     both = np.linalg.norm(fine.load - coarse.load - of_mesh - of_steps)
     assert both < 0.4 * np.linalg.norm(of_steps) < 0.1 * np.linalg.norm(of_mesh)
     # Their derivatives are those of the cells.
     assert change.derivatives is not None
     assert change.derivatives.finer.response.ends.size == coarse.response.ends.size
+    motion, load = change.derivatives.change(values() | {"tau0": 26.0})
+    step = np.array([np.log(26.0 / 25.0) * 25.0])
+    (far, far_load), (near, near_load) = (p.along(step) for p in (finer_cells, coarse))
+    np.testing.assert_allclose(load, (1 + share.load) * (far_load - near_load), rtol=1e-6)
+    np.testing.assert_allclose(motion, (1 + share.motion) * (far - near), rtol=1e-6, atol=1e-12)
 
 
 def test_a_correction_begun_by_one_nearby_is_the_same_in_half_the_iterations() -> None:

@@ -37,6 +37,7 @@ KEYS = {
     "gain.budget_after": {"noise", "free", "model", "basis", "load"},
     "numerics": {
         "effect_sigma", "on", "passed", "needed", "between_meshes", "fitted_anew", "off_by_mesh",
+        "missing_share",
     },
     "travel_ratio": {"value", "sigma", "of_phases"},
     "load_noise": {"stated_uN", "found_uN", "degrees"},

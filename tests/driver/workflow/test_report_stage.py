@@ -431,7 +431,15 @@ def test_results_of_another_version_are_refused_with_what_to_do(
 
 @pytest.mark.parametrize(
     "missing",
-    ["together_p", "smooth_p", "left_something", "off_by_mesh", "between_meshes", "fitted_anew"],
+    [
+        "together_p",
+        "smooth_p",
+        "left_something",
+        "off_by_mesh",
+        "between_meshes",
+        "fitted_anew",
+        "missing_share",
+    ],
 )
 def test_a_verdict_of_an_earlier_version_is_refused_with_what_to_do(
     missing: str, results: Results, tmp_path: Path

@@ -15,9 +15,9 @@ from driver.diagnosis.answer.verdict import (
     decide,
     with_bounds,
     with_doubts,
-    with_missing_share,
     with_places,
     with_refinement,
+    with_share_of_correction,
     with_what_one_mesh_shows,
 )
 from driver.diagnosis.causes.all_causes import EVERY
@@ -197,12 +197,12 @@ def test_what_one_mesh_alone_shows_is_told_with_an_answer_that_names_nothing() -
     assert with_what_one_mesh_shows(of(CONTRAST), "load gain", 3.7) == of(CONTRAST)
 
 
-def test_a_correction_that_the_data_deny_is_told_with_any_answer() -> None:
+def test_a_correction_that_the_data_take_back_is_told_with_any_answer() -> None:
     for answer in (of(), of(CONTRAST)):
-        found = with_missing_share(answer, -0.62, 0.11)
+        found = with_share_of_correction(answer, -0.62, 0.11)
         assert found.kind == answer.kind and found.next == f"{answer.next} {REFINE}"
-        assert "data deny 0.62 ± 0.11 of the correction by the finer simulation:" in found.text
-    assert "show 0.30 ± 0.05 of the correction by the" in with_missing_share(of(), 0.3, 0.05).text
+        assert "time steps the data take back 0.62 ± 0.11 of it:" in found.text
+    assert "ask for another 0.30 ± 0.05 of it" in with_share_of_correction(of(), 0.3, 0.05).text
 
 
 def test_a_refinement_that_is_known_is_named_in_place_of_a_request_for_one() -> None:

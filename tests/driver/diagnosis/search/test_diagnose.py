@@ -22,6 +22,7 @@ from driver.diagnosis.search.diagnose import to_converge
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.flip_trial import turned
 from driver.diagnosis.search.forward_selection import Selection
+from driver.diagnosis.statistics.score_test import NAMING_LEVEL
 from driver.identification.fit import fit
 from meshes.arrays import FloatArray
 from solver_adapters.interface import Simulation, SolverError
@@ -392,17 +393,31 @@ def test_more_iterations_are_asked_for_only_where_their_limit_ended_the_fit() ->
     assert to_converge(limited, fitted) == BEGIN_AT_END
 
 
-@pytest.mark.parametrize(("by", "asked"), [(0.1, "steps"), (0.01, None)])
-def test_a_refinement_is_asked_for_where_the_data_deny_the_correction(
-    by: float, asked: str | None
-) -> None:
-    """They are those of the working simulation: of the correction they show once less."""
+def denied(by: float, hidden: dict[str, float]) -> Diagnosis:
+    """The data are those of the working simulation, which the finer one corrects."""
     sizes = (20.0, 1.0)
-    made = closed_form.objective(BENCH, BENCH.truth)
+    made = closed_form.objective(BENCH, BENCH.truth | hidden)
     settings = replace(NONE_HELD_OUT, wanted=("tilt_drift",), sizes=sizes)
-    found = diagnosis_of(BENCH, identified(BENCH, made, sizes, by), settings, by)
+    return diagnosis_of(BENCH, identified(BENCH, made, sizes, by), settings, by)
+
+
+def test_a_refinement_is_asked_for_where_the_data_take_the_correction_back() -> None:
+    found = denied(0.1, {})
+    assert found.numerics.passed and found.numerics.needed == "steps"
+    assert found.numerics.missing is not None
+    share, of_share = found.numerics.missing
+    assert abs(share + 1.0) < 3 * of_share < 0.5
+    assert "the data take back" in found.verdict.text
+
+
+@pytest.mark.parametrize(
+    ("by", "hidden"), [(0.01, {}), (0.01, {"load_gain": 0.08}), (0.1, {"elastic_scale": 0.2})]
+)
+def test_a_small_correction_or_another_effect_asks_for_no_refinement(
+    by: float, hidden: dict[str, float]
+) -> None:
+    """What no cause that is tried describes may resemble the correction many times over."""
+    found = denied(by, hidden)
     (own,) = (s for s in found.rounds[-1].scores if s.cause == NUMERICS)
-    assert found.numerics.passed and found.numerics.needed == asked
-    assert ("of the correction by the finer simulation" in found.verdict.text) == bool(asked)
-    if asked:
-        assert abs(own.estimate[0] + 1.0) < 3 * own.sigma[0] < 0.5
+    assert (own.p < NAMING_LEVEL) == bool(hidden)
+    assert found.numerics.missing is None and found.numerics.needed is None

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.search import finite_step_score
@@ -394,6 +395,21 @@ def test_a_lag_is_looked_at_in_one_simulation(monkeypatch: pytest.MonkeyPatch) -
     apart = _of(look(right).scores, "load_lag")
     assert runs == [5]
     np.testing.assert_allclose(together.visible, apart.visible, rtol=1e-12)
+
+
+def test_a_lag_that_cannot_be_simulated_leaves_its_derivative(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    right = scored({}, ("load_lag",))
+
+    def none(self: ClosedFormSolver, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        raise SolverError("no solution")
+
+    monkeypatch.setattr(ClosedFormSolver, "answer", none)
+    with collected_lines() as lines:
+        found = look(right)
+    assert _of(found.scores, "load_lag") == _of(right.scores, "load_lag") and not found.refits
+    assert sum("cannot be simulated (no solution)" in line for line in lines) == 4
 
 
 def test_what_would_have_been_seen_of_a_lag_is_seen_on_the_side_that_shows_less() -> None:

@@ -67,6 +67,13 @@ def test_what_the_whitening_counts_already_is_not_counted_twice() -> None:
     assert score_variance(scores("boundary"), data(0.9), left_by(0.1, 0.0)) == 1.0
 
 
+def test_patterns_that_are_independent_of_each_other_add() -> None:
+    both = left_by(1.5, 0.0) + left_by(0.7, 0.0)
+    alone = [score_variance(scores("material"), data(0.0), [one]) - 1.0 for one in both]
+    together = score_variance(scores("material"), data(0.0), both) - 1.0
+    assert together == pytest.approx(sum(alone)) and min(alone) > 0.1
+
+
 def test_without_a_correction_or_causes_of_the_specimen_noise_alone_counts() -> None:
     assert score_variance(scores("material"), data(0.0), []) == 1.0
     large = left_by(9.0, 9.0)
