@@ -93,7 +93,8 @@ def power_of(sizes: Sequence[float], ratio: float) -> float:
     a, b, c = sizes
 
     def off(p: float) -> float:
-        return (a**p - b**p) / (b**p - c**p) - ratio
+        found: float = (a**p - b**p) / (b**p - c**p)
+        return found - ratio
 
     if off(_POWERS[0]) * off(_POWERS[1]) > 0:
         return float("nan")
