@@ -22,13 +22,7 @@ from driver.virtual.truth import Course, history_of_rows, seen_course, true_mode
 from meshes.prism import CellKind, generate
 from solver_adapters.interface import Simulation
 from tools import mesh_reference
-from tools.mesh_reference import (
-    ORDER_OF_LOAD,
-    ORDER_OF_MOTION,
-    Reference,
-    extrapolated,
-    on_face,
-)
+from tools.mesh_reference import Reference, extrapolated, on_face
 from tools.short_specimen import CYCLES, small_case, true_knots
 from tools.short_specimen import true_case as as_it_is
 
@@ -123,8 +117,8 @@ def pulled(
     moved, more = found[-1]
     if len(found) > 1:
         (coarse_moved, coarse_more), ratio = found[0], sizes[1] / sizes[0]
-        moved = extrapolated(coarse_moved, moved, ratio, ORDER_OF_MOTION)
-        more = extrapolated(coarse_more, more, ratio, ORDER_OF_LOAD)
+        moved = extrapolated(coarse_moved, moved, ratio)
+        more = extrapolated(coarse_more, more, ratio)
     return replace(course, face=converged.face, motion=motion + moved, load=load + more)
 
 

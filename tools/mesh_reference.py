@@ -17,13 +17,12 @@ from meshes.arrays import FloatArray, IntArray
 from meshes.surface import SurfaceMesh, interpolation, trace
 
 FOLDER = Path(__file__).parent / "references"
-ORDER_OF_MOTION = 1.5
-"""Power of the size by which motions are extrapolated from cells below 0.7 µm.
+ORDER = 1.5
+"""Power of the size by which predictions on cells below 0.7 µm are extrapolated: by it both kinds of
+cells agree best in the load (benchmarks/numerics.md).
 
-A judge has constants of its own: those of the program may change.
+A judge has a constant of its own: that of the program may change.
 """
-ORDER_OF_LOAD = 1.25
-"""The same of loads: by it both kinds of cells agree best (benchmarks/numerics.md)."""
 _INSET = 1e-6  # µm, by which points of an edge are drawn onto the face
 
 
@@ -76,16 +75,15 @@ def on_face(face: SurfaceMesh, motion: FloatArray, points: FloatArray) -> FloatA
     return np.ascontiguousarray(flat.reshape(-1, T, 3).transpose(1, 0, 2))
 
 
-def extrapolated(coarser: FloatArray, finer: FloatArray, ratio: float, order: float) -> FloatArray:
+def extrapolated(coarser: FloatArray, finer: FloatArray, ratio: float) -> FloatArray:
     """Return what two predictions say of cells of no size (Richardson's extrapolation).
 
     Args:
         coarser: the prediction on the larger cells.
         finer: that on the smaller ones.
         ratio: of the size of the smaller cells to that of the larger ones.
-        order: power of the size with which the error falls.
     """
-    fallen: float = ratio**order
+    fallen: float = ratio**ORDER
     return finer + fallen / (1.0 - fallen) * (finer - coarser)
 
 
@@ -104,8 +102,8 @@ def made(pairs: Sequence[tuple[ForwardModel, ForwardModel]], values: dict[str, f
             on_face(trace(mesh), response.displacement, face.points)
             for mesh, response in zip(meshes, responses, strict=True)
         )
-        motions.append(extrapolated(coarser, finer, ratio, ORDER_OF_MOTION))
-        loads.append(extrapolated(responses[0].force, responses[1].force, ratio, ORDER_OF_LOAD))
+        motions.append(extrapolated(coarser, finer, ratio))
+        loads.append(extrapolated(responses[0].force, responses[1].force, ratio))
     n_cells = len(pairs[0][1].microstructure.mesh.cells)
     return Reference(face, np.array(motions), np.array(loads), n_cells)
 

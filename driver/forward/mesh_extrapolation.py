@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 ORDER_OF_MOTION = 1.5
 """Power of the size by which the motion of the face is extrapolated."""
-ORDER_OF_LOAD = 1.0
+ORDER_OF_LOAD = 1.25
 """Power of the size by which the load is extrapolated."""
 _LARGEST = 0.8  # ratio of sizes
 _HEXAHEDRON = 20  # nodes
