@@ -18,8 +18,9 @@ from meshes.surface import SurfaceMesh, interpolation, trace
 
 FOLDER = Path(__file__).parent / "references"
 ORDER = 1.5
-"""Power of the size by which predictions on cells below 0.7 µm are extrapolated: by it both kinds of
-cells agree best in the load (benchmarks/numerics.md).
+"""Power of the size by which predictions on cells below 0.7 µm are extrapolated.
+
+By it both kinds of cells agree best in the load (benchmarks/numerics.md).
 
 A judge has a constant of its own: that of the program may change.
 """
