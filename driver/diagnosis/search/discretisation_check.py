@@ -1,4 +1,4 @@
-"""The discretisation check: could the simulation's own error be taken for a cause?"""
+"""The discretisation check: could the simulation's own error be taken for a cause, is it seen itself?"""
 
 from __future__ import annotations
 
