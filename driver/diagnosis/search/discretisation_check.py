@@ -1,4 +1,4 @@
-"""The discretisation check: could the simulation's own error be taken for a cause, is it seen itself?"""
+"""The discretisation check: could the own error of a simulation be taken for a cause, is it seen?"""
 
 from __future__ import annotations
 
