@@ -1,4 +1,4 @@
-"""The discretisation check: could the own error of a simulation be taken for a cause, is it seen?"""
+"""The discretisation check: could the simulation's own error be taken for a cause, or be seen?"""
 
 from __future__ import annotations
 
