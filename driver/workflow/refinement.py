@@ -172,9 +172,9 @@ def refined_within_budget(case: Case, done: str, stages: Sequence[Stage]) -> Cas
         logger.info(f"not refined, for lack of {why}: {_of(finer)}, {_left(left, case)}")
         return None
     what = (
-        "the answer is held against a finer mesh"
-        if check["passed"]
-        else "the mesh keeps the verdict open and is refined"
+        "the mesh keeps the verdict open and is refined"
+        if diagnosis["verdict"] == "numerics"
+        else "the answer is held against a finer mesh"
     )
     logger.info(f"{what}: {_of(finer)}, {_left(left, case)}")
     write_refinements(results, Refinements(before.level + 1, before.seconds + again))

@@ -199,10 +199,14 @@ def test_nothing_is_refined_beyond_the_memory_of_the_machine(
     assert to_refine(case, "mesh", 299.0).startswith("Write specimen.mesh_size_um = 2 and ")
 
 
-def test_what_one_mesh_alone_shows_is_refined_without_the_verdict_numerics(tmp_path: Path) -> None:
+def test_an_answer_that_stands_is_held_against_a_finer_mesh_where_that_is_asked_for(
+    tmp_path: Path, lines: list[str]
+) -> None:
+    """One mesh alone shows a cause, or the data show more of the correction."""
     case = automatic(tmp_path, execution__budget_min=600.0)
     diagnosed(case, "nothing wrong", "mesh", passed=True)
     assert asked(case) is not None
+    assert lines[-1].startswith("the answer is held against a finer mesh: 2 and 0.667 µm take ")
 
 
 def test_nothing_is_refined_for_any_other_reason(tmp_path: Path) -> None:
