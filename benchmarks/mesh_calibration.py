@@ -22,14 +22,16 @@ from benchmarks.numerics import (
     WORKING,
     Discretisation,
     Ruler,
+    Seen,
     Specimen,
     corrected,
     model_on,
     short_specimen,
 )
-from driver.forward.mesh_extrapolation import lacking_share
+from driver.forward.mesh_extrapolation import LackingShare, lacking_share
 from driver.identification.correction import Correction
 from driver.identification.mesh_error import share_left
+from meshes.arrays import FloatArray
 from tools import mesh_reference
 from tools.converged_truth import SMALLEST
 
@@ -38,6 +40,8 @@ SCATTER = 0.3  # of the logarithm of each parameter of the law
 SMALL = Discretisation("hex20", 0.667, True)
 PAIRS = ((WORKING, FINER), (FINER, SMALL))
 """Meshes by which the working prediction is corrected, the coarser ones first."""
+POWERS = (1.0, 1.1, 1.2, 1.25, 1.3, 1.4, 1.5)
+"""By which a load is extrapolated, to see by which one least is left."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,7 @@ class Left:
         loads: the same of the loads.
         of_correction: its error in the motion over the correction, root mean square.
         of_load: its error in the load over the load, root mean square.
+        by_power: the same of the finer load extrapolated by each of `POWERS`.
     """
 
     beside: float
@@ -57,6 +62,7 @@ class Left:
     loads: float
     of_correction: float
     of_load: float
+    by_power: FloatArray
 
 
 def main() -> None:
@@ -84,6 +90,9 @@ def main() -> None:
         for what, title in (("of_correction", "correction"), ("of_load", "load")):
             shares = np.array([getattr(left, what) for left in of])
             print(f"{name}: share of the {title}, rms of draws = {np.sqrt(np.mean(shares**2)):.4f}")
+        by_power = np.sqrt(np.mean([left.by_power**2 for left in of], axis=0))
+        told = ", ".join(f"{p:g}: {k:.2%}" for p, k in zip(POWERS, by_power, strict=True))
+        print(f"{name}: share of the load, extrapolated by the power {told}")
 
 
 def redrawn(specimen: Specimen, number: int) -> Specimen:
@@ -133,10 +142,24 @@ def lefts(ruler: Ruler) -> dict[str, Left]:
         name = f"{WORKING.kind} {WORKING.size:g} µm by {coarser.size:g} → {finer.size:g} µm"
         stated = share_left(ruler.model(WORKING).microstructure.mesh, (WORKING.size, finer.size))
         error, loads_rms = ruler.error(best), float(np.sqrt(np.mean(best.load**2)))
+        pair = seen[coarser], seen[finer]
+        by_power = [ruler.error(extrapolated(*pair, power)).load / loads_rms for power in POWERS]
         found[name] = Left(
-            error.beside, images, loads, stated * float(np.sqrt(images)), error.load / loads_rms
+            error.beside,
+            images,
+            loads,
+            stated * float(np.sqrt(images)),
+            error.load / loads_rms,
+            np.array(by_power),
         )
     return found
+
+
+def extrapolated(coarser: Seen, finer: Seen, power: float) -> Seen:
+    """Return the finer prediction extrapolated by a power of the size of the cells."""
+    fallen: float = (coarser.n_cells / finer.n_cells) ** (power / 3.0)
+    share = fallen / (1.0 - fallen)
+    return corrected(coarser, finer, LackingShare(share, share))
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 ORDER_OF_MOTION = 1.5
 """Power of the size by which the motion of the face is extrapolated."""
 ORDER_OF_LOAD = 1.25
-"""Power of the size by which the load is extrapolated."""
+"""Power of the size by which the load is extrapolated: it leaves least (benchmarks/numerics.md)."""
 _LARGEST = 0.8  # ratio of sizes
 _HEXAHEDRON = 20  # nodes
 _INSET = 1e-6  # µm, by which nodes of an edge are drawn onto the face

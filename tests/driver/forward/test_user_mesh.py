@@ -171,7 +171,9 @@ def test_meshes_of_a_file_are_one_family_of_which_finer_ones_are_extrapolated(fo
     )
     other = another_mesh_of(case, case.specimen.fine_mesh_size, finer.points)
     assert [len(mesh.cells) // len(working.cells) for mesh in (working, finer, other)] == [1, 8, 27]
-    assert lacking_share(working, finer).motion == pytest.approx(0.5**1.5 / (1 - 0.5**1.5))
+    share = lacking_share(working, finer)
+    assert share.motion == pytest.approx(0.5**1.5 / (1 - 0.5**1.5))
+    assert share.load == pytest.approx(0.5**1.25 / (1 - 0.5**1.25))
     history, adapter = stage_program([(2, 1)]), adapter_of(case)
     models = [build_finer_model(case, mesh, history, PIXELS, adapter) for mesh in (finer, other)]
     assert models[0].extrapolation is None

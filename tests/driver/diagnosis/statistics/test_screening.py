@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from driver.diagnosis.causes.causes import LIBRARY
+from driver.diagnosis.causes.causes import LIBRARY, NUMERICS
 from driver.diagnosis.statistics.score_test import effects_of
 from driver.diagnosis.statistics.screening import parameters_of_the_specimen, screen, screened
+from driver.identification.correction import Correction
 from solver_adapters.crystal import BCC, BCC48, FCC
 from solver_adapters.material import of_other_crystals
 from tools import closed_form
@@ -44,3 +45,17 @@ def test_causes_that_only_bcc_has_are_not_examined_in_another_crystal() -> None:
     assert candidates[2] - candidates[0] == {"family_123"}
     lost = parameters_of_the_specimen(bcc) - parameters_of_the_specimen(fcc)
     assert lost == of_other_crystals(FCC) - of_other_crystals(BCC)
+
+
+def test_without_a_correction_neither_the_discretisation_nor_what_it_leaves_is_scored() -> None:
+    objective, fitted = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
+    candidates, names = screened(objective.model, fitted.best.free, ("tilt_drift",))
+    augmented = objective.evaluate(fitted.values, names)
+    effects = effects_of(candidates, augmented, objective.parameters)
+    found = [
+        screen(fitted, replace(objective, correction=change), candidates, effects, SETTINGS.sizes)
+        for change in (objective.correction, Correction())
+    ]
+    scored = [{s.cause.name for s in scores} for scores, _ in found]
+    assert scored == [{"tilt_drift", NUMERICS.name}, {"tilt_drift"}]
+    assert found[1][1] == 1.0
