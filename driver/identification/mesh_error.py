@@ -20,8 +20,8 @@ _LEFT, _POWER = 2.2, 2.4
 """Of the error of one cell on half of a side m cells leave this over this power of m, extrapolated:
 0.42 with 2 and 0.16 with 3, root mean square of ten specimens, 0.075 with 4, of one."""
 _LOAD_LEFT = 0.0094
-"""m² times the share of itself by which an extrapolated load is off: 0.0096 with m = 2 and 0.0091
-with 3, root mean square of eleven specimens."""
+"""m² times the share of itself by which an extrapolated load is off: 0.0097 with m = 2 and 0.0095
+with 3, root mean square of ten specimens."""
 
 
 def share_left(mesh: PrismMesh, sizes: tuple[float, float]) -> float:

@@ -89,7 +89,7 @@ def test_of_five_cells_no_less_is_stated_than_one_specimen_left() -> None:
 
 
 def test_of_a_load_on_hexahedra_a_share_of_itself_is_left_whatever_the_correction() -> None:
-    """Of eleven specimens 0.13 to 0.42 % with two cells on half of a side, 0.05 to 0.15 with 3."""
+    """Of ten specimens 0.13 to 0.42 % with two cells on half of a side, 0.05 to 0.15 with 3."""
     hexahedra = mesh("hex20", 2.0)
     left = load_left(hexahedra, (2.0, 1.0), CHANGE, LOAD)
     np.testing.assert_allclose(left, left[1] / LOAD[1] * LOAD)
