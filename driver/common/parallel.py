@@ -10,6 +10,7 @@ import shutil
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -19,6 +20,7 @@ from functools import lru_cache, partial
 from itertools import count, islice
 from multiprocessing import connection
 from pathlib import Path
+from queue import SimpleQueue
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
@@ -333,13 +335,26 @@ def hear_swallowed_exits() -> None:
     A library that calls back, as the compiler of the kernels does, swallows the exit that the
     signal asks for: the signal comes once more.
     """
+    swallowed: SimpleQueue[None] = SimpleQueue()
 
-    def told(swallowed: Any) -> None:
-        if issubclass(swallowed.exc_type, SystemExit):
-            threading.Timer(_AGAIN, _terminate_main_thread).start()
-        else:
-            sys.__unraisablehook__(swallowed)
+    def told(raised: Any) -> None:
+        if not issubclass(raised.exc_type, SystemExit):
+            sys.__unraisablehook__(raised)
+            return
+        try:
+            swallowed.put(None)
+        except SystemExit:  # the signal came again, right here, where C swallows it as well
+            swallowed.put(None)
 
+    def say_again() -> None:
+        while True:
+            swallowed.get()
+            time.sleep(_AGAIN)
+            while not swallowed.empty():
+                swallowed.get()
+            _terminate_main_thread()
+
+    threading.Thread(target=say_again, daemon=True).start()
     sys.unraisablehook = told
 
 
