@@ -149,15 +149,54 @@ class Correction:
         """Return the correction with more of both [µm, µN]."""
         return replace(self, motion=self.motion + motion, load=self.load + load)
 
-    def mean_with(self, spread: Correction | None) -> Correction:
-        """Return the mean of this correction by a finer mesh and of that by another one.
+    def with_second(self, second: SecondMesh | None) -> Correction:
+        """Return what this correction by a finer mesh and a second one say together.
 
         Args:
-            spread: half of what the other one adds, None where there is no other one.
+            second: the second one, None where there is none.
         """
-        if spread is None:
+        if second is None:
             return self
-        return replace(self, motion=self.motion + spread.motion, load=self.load + spread.load)
+        return self.plus(np.asarray(second.added.motion), np.asarray(second.added.load))
+
+
+@dataclass(frozen=True, eq=False)
+class SecondMesh:
+    """What a second finer mesh says beside a first one.
+
+    Attributes:
+        added: what is added to the correction by the first one.
+        off: what the sum is off by, one standard deviation, where both may be as wrong as each
+            other; None where the second one is the better one.
+        size: of the cells of the better one, by which its error is known [µm], else None.
+    """
+
+    added: Correction
+    off: Correction | None
+    size: float | None = None
+
+    @property
+    def is_better(self) -> bool:
+        """Whether it takes the place of the first."""
+        return self.off is None
+
+    @property
+    def difference(self) -> Correction:
+        """What it differs by from the first."""
+        times = 1.0 if self.is_better else 2.0
+        motion, load = np.asarray(self.added.motion), np.asarray(self.added.load)
+        return Correction(times * motion, times * load)
+
+    @classmethod
+    def better(cls, difference: Correction, size: float) -> SecondMesh:
+        """Return a second mesh whose prediction stands in the place of that of the first."""
+        return cls(difference, None, size)
+
+    @classmethod
+    def alike(cls, difference: Correction) -> SecondMesh:
+        """Return a second mesh as good as the first one: their mean is better than either."""
+        half = Correction(0.5 * np.asarray(difference.motion), 0.5 * np.asarray(difference.load))
+        return cls(half, half)
 
 
 def correction(

@@ -21,7 +21,7 @@ import numpy as np
 from driver.common.progress import quiet
 from driver.forward.model import ForwardModel
 from driver.identification.boundary_jitter import boundary_jitter
-from driver.identification.correction import Correction, correction
+from driver.identification.correction import Correction, SecondMesh, correction
 from driver.identification.cosine_modes import fast_modes
 from driver.identification.data import Data
 from driver.identification.discretisation_covariance import simulation_error
@@ -250,24 +250,35 @@ def knot_start(weights: FloatArray, motion: FloatArray, names: Sequence[str]) ->
 
 
 def with_correction(
-    objective: Objective, noise_factor: float, change: Correction, sizes: tuple[float, float]
+    objective: Objective,
+    noise_factor: float,
+    change: Correction,
+    sizes: tuple[float, float],
+    second: SecondMesh | None = None,
 ) -> Objective:
     """Return objective with a correction, the covariance of what it leaves wrong, and the noise.
+
+    Two finer meshes as good as each other leave what either does.
 
     Args:
         objective: data and priors.
         noise_factor: noise of the images over that of the repeats.
         change: finer minus working prediction.
         sizes: element sizes of the working and of the finer mesh [µm].
+        second: what a second finer mesh says beside it, None where there is none.
     """
     image = replace(objective.data.image, noise_factor=noise_factor)
-    mesh, (motion, load) = objective.model.microstructure.mesh, change.of_mesh
+    whole = change.with_second(second)
+    objective = replace(objective, correction=whole, second=second)
+    sizes = objective.sizes(sizes)
+    left_by = whole if second is not None and second.is_better else change
+    mesh, (motion, load) = objective.model.microstructure.mesh, left_by.of_mesh
     left = load_left(mesh, sizes, load, objective.data.load)
     error = simulation_error(image, motion, left, sizes[1], share_left(mesh, sizes))
     data = replace(
         objective.data, image=image, simulation_error=error, step_error=change.left_by_steps
     )
-    return replace(objective, data=data, correction=change)
+    return replace(objective, data=data)
 
 
 def corrected_with_derivatives(

@@ -13,7 +13,7 @@ import numpy as np
 from driver.forward.fixed_pattern import apparent_rise
 from driver.forward.model import ForwardModel
 from driver.forward.prediction import Prediction
-from driver.identification.correction import Correction
+from driver.identification.correction import Correction, SecondMesh
 from driver.identification.data import Data
 from driver.identification.paper_chi import PaperChi, paper_chi
 from meshes.arrays import FloatArray
@@ -29,9 +29,9 @@ class Objective:
         data: the measurements.
         parameters: declarations by name.
         prior: mean (value) and standard deviation (in θ) of the parameters that have a prior.
-        correction: finer minus working prediction, the mean of two where another finer mesh was
-            needed.
-        spread: half of what the second of them adds, None where there is one.
+        correction: finer minus working prediction, as two finer meshes have it together where a
+            second one was needed.
+        second: the second of them, None where there is one.
     """
 
     model: ForwardModel
@@ -39,7 +39,17 @@ class Objective:
     parameters: Mapping[str, Parameter]
     prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     correction: Correction = Correction()
-    spread: Correction | None = None
+    second: SecondMesh | None = None
+
+    def sizes(self, first: tuple[float, float]) -> tuple[float, float]:
+        """Return the element sizes by which it is known what the correction leaves wrong [µm].
+
+        Args:
+            first: of the working mesh and of the first finer one [µm].
+        """
+        if self.second is None or self.second.size is None:
+            return first
+        return first[0], self.second.size
 
     def evaluate(self, values: Mapping[str, float], free: Sequence[str]) -> Evaluation:
         """Simulate and compare.

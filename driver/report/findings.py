@@ -300,13 +300,22 @@ def _datasets(path: Path, expected: tuple[str, ...]) -> dict[str, FloatArray]:
     return datasets
 
 
+_OF_NUMERICS = (
+    "off_by_mesh",
+    "between_meshes",
+    "fitted_anew",
+    "missing_share",
+    "second_mesh_um",
+)
+
+
 def _diagnosis(path: Path) -> Record:
     entries = (
         "verdict", "sets", "added", "flips", "whereabouts", "gain", "steps", "bad_loads",
         "not_examined", "numerics", "warnings", "travel_ratio",
     )  # fmt: skip
     record = _record(path, entries)
-    for entry in ("off_by_mesh", "between_meshes", "fitted_anew", "missing_share"):
+    for entry in _OF_NUMERICS:
         if entry not in record["numerics"]:
             raise damaged(path, f"no entry {entry} in numerics")
     for step in record["steps"]:

@@ -304,19 +304,22 @@ def _own_error(diagnosis: Row) -> str:
     """Return what the simulation's own error does to scores, in words."""
     check = diagnosis["numerics"]
     effect, times = number(check["effect_sigma"], 2), check["fitted_anew"]
-    missing = ""
+    more = ""
+    if check["second_mesh_um"] is not None:
+        size = number(check["second_mesh_um"], 3)
+        more = f"; their correction is that of a second finer mesh, of {size} µm"
     if check["missing_share"] is not None:
         share, sigma = (number(value, 2) for value in check["missing_share"])
-        missing = f"; beside their correction the data show {share} ± {sigma} of it"
+        more += f"; beside their correction the data show {share} ± {sigma} of it"
     if check["between_meshes"]:
         return (
             f"two finer meshes differ by {effect} σ along {cause_label(check['on'])} "
-            f"(at most {2 * MOST_OFF:g} σ is tolerated){missing}"
+            f"(at most {2 * MOST_OFF:g} σ is tolerated){more}"
         )
     anew = f", fitted anew with it {times} time{'s' * (times > 1)} before" if times else ""
     return (
         f"their error changes by {effect} σ from the identified to the extended model{anew} "
-        f"(at most {GATE:g} σ is tolerated){missing}"
+        f"(at most {GATE:g} σ is tolerated){more}"
     )
 
 

@@ -67,6 +67,7 @@ def diagnosis_record(
         }
 
     before, after = found.baseline, found.extended
+    second = found.objective.second
     record = {
         "verdict": found.verdict.kind,
         "causes": list(found.verdict.names),
@@ -90,6 +91,7 @@ def diagnosis_record(
             "fitted_anew": found.numerics.fitted_anew,
             "missing_share": found.numerics.missing and list(found.numerics.missing),
             "off_by_mesh": {n: found.off_by_mesh(n) for n in added_parameters(found)},
+            "second_mesh_um": second and second.size,
         },
         "load_noise": {
             "stated_uN": objective.data.load_noise,

@@ -25,7 +25,7 @@ from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.statistics.screening import screened
 from driver.experiment.held_out import held_out_cycle
 from driver.experiment.history import History
-from driver.forward.build import geometry_of
+from driver.forward.build import geometry_of, size_of_second_mesh
 from driver.identification.fit import Fit, fit
 from driver.identification.identifiability import far_off_told
 from driver.identification.identify import corrected_with_derivatives
@@ -110,10 +110,10 @@ def run_diagnose(context: StageContext) -> None:
         sizes=problem.plan.sizes,
         own=own,
     )
-    diagnosis = diagnose(
-        baseline, objective, FineModels(problem.finer, lambda: on_another_mesh(case, problem)),
-        cycles, settings, known,
-    )  # fmt: skip
+    finer = FineModels(
+        problem.finer, lambda: on_another_mesh(case, problem), size_of_second_mesh(case)
+    )
+    diagnosis = diagnose(baseline, objective, finer, cycles, settings, known)
     parted = case.specimen.boundaries_stay and len(case.grains) > 1
     where = residual_localisation(
         diagnosis,

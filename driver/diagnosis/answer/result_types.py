@@ -128,13 +128,15 @@ class Diagnosis:
     def off_by_mesh(self, name: str) -> float | None:
         """By how much either of two finer meshes puts a fitted value off that of their mean.
 
-        To first order, in the unit of the value; None where there is one finer mesh. It is no
-        part of the standard deviation, which is that of the measurements.
+        To first order, in the unit of the value; None where there is one finer mesh, and where the
+        second is the better one. It is no part of the standard deviation, which is that of the
+        measurements.
         """
-        spread, fit_ = self.objective.spread, self.extended
-        if spread is None:
+        second, fit_ = self.objective.second, self.extended
+        if second is None or second.off is None:
             return None
-        change = self.objective.data.change(np.asarray(spread.motion), np.asarray(spread.load))
+        off = second.off
+        change = self.objective.data.change(np.asarray(off.motion), np.asarray(off.load))
         row = fit_.covariance[fit_.best.free.index(name)]
         slope = self.objective.parameters[name].slope(fit_.values[name])
         return float(abs(row @ (fit_.best.jacobian @ change) * slope))

@@ -218,6 +218,6 @@ def _at_its_end(refit: Refit, end: _End, baseline: Evaluation) -> Refit:
 def _under(change: Correction, refit: Refit) -> Objective:
     """Return the objective of a refit with the correction at its own end."""
     objective = with_prior(refit.objective, refit.cause)
-    # What the other mesh adds is that at the baseline: small beside what this changes.
-    mean = change.mean_with(objective.spread).completed_by(objective.correction)
-    return replace(objective, correction=mean)
+    # What the second mesh adds is that at the baseline: small beside what this changes.
+    whole = change.with_second(objective.second).completed_by(objective.correction)
+    return replace(objective, correction=whole)

@@ -135,12 +135,11 @@ def _outgrown(objective: Objective, begin: Fit, end: Fit) -> bool:
 def _corrected(objective: Objective, here: Fit, finer: FineModels, settings: Settings) -> Objective:
     """Return the objective with the correction at a fit, by both meshes where it had both."""
     logger.info("finer mesh and steps at the extended model")
-    both, executor = objective.spread is not None, Executor(settings.processes, settings.threads)
-    change, spread = finer.corrections(objective, here, both, executor)
+    both, executor = objective.second is not None, Executor(settings.processes, settings.threads)
+    change, second = finer.corrections(objective, here, both, executor)
     noise = noise_of_images(here, objective.data, settings)
-    mean = change.mean_with(spread).completed_by(objective.correction)
-    objective = with_correction(objective, noise, change, settings.sizes)
-    return replace(objective, correction=mean, spread=spread)
+    change = change.completed_by(objective.correction)
+    return with_correction(objective, noise, change, settings.sizes, second)
 
 
 def _fitted(

@@ -27,8 +27,8 @@ class Final:
     """What was found at the end.
 
     Attributes:
-        fresh: finer minus working prediction at the extended fit, the mean of two meshes where
-            there were two.
+        fresh: finer minus working prediction at the extended fit, as two meshes have it together
+            where there were two.
         before: the baseline, fitted under the covariance of the end; the last fit itself where
             no cause is left.
         uncounted: the same without the noise of the boundary that was found: what that explains
@@ -66,9 +66,9 @@ def final_comparison(
         fresh: the correction at the extended fit (`correction_at`), where it is known.
     """
     (baseline, objective), (extended, current) = first, last
-    spread = current.spread
-    if objective.spread is None:  # the other mesh was asked for in a later round
-        objective = replace(objective, correction=objective.correction.mean_with(spread))
+    second = current.second
+    if objective.second is None:  # it was asked for in a later round
+        objective = replace(objective, correction=objective.correction.with_second(second))
     counted = replace(objective, data=current.data)
     uncounted = replace(counted, data=replace(counted.data, jitter=objective.data.jitter))
     tasks: list[_Refresh | _Again | HeldOutTask] = []
@@ -83,7 +83,7 @@ def final_comparison(
     fits = [end.best for end in ends if isinstance(end, Fit)] or [extended.best]
     held = [end for end in ends if isinstance(end, HeldOut)]
     if fresh is None:
-        fresh = next(end for end in ends if isinstance(end, Correction)).mean_with(spread)
+        fresh = next(end for end in ends if isinstance(end, Correction)).with_second(second)
     return Final(
         fresh=fresh,
         before=fits[0],
@@ -93,7 +93,7 @@ def final_comparison(
 
 
 def correction_at(here: Fit, objective: Objective, finer: ForwardModel) -> Correction:
-    """Return finer minus working prediction at a fit, the mean of two meshes where there were two.
+    """Return finer minus working prediction at a fit, as two meshes have it where there were two.
 
     Args:
         here: the fit.
@@ -105,7 +105,7 @@ def correction_at(here: Fit, objective: Objective, finer: ForwardModel) -> Corre
     """
     change = _run(_Refresh(objective, finer, here))
     assert isinstance(change, Correction)
-    return change.mean_with(objective.spread)
+    return change.with_second(objective.second)
 
 
 @dataclass(frozen=True, eq=False)

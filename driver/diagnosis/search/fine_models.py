@@ -1,10 +1,10 @@
-"""The finer simulation behind the correction: on its own mesh, and on another one of that size."""
+"""The finer simulation behind the correction: on its own mesh, and on a second one."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -15,8 +15,9 @@ from driver.common.progress import collected_lines
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.search.flip_trial import turned
 from driver.diagnosis.search.refit import Executor
+from driver.forward.mesh_extrapolation import lacking_share
 from driver.forward.model import ForwardModel
-from driver.identification.correction import Correction, correction
+from driver.identification.correction import Correction, SecondMesh, correction
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
 
@@ -30,20 +31,22 @@ class FineModels:
     Attributes:
         one: on the finer mesh of the case.
         another: makes it on another mesh; None for a simulation without a mesh.
+        size: of the cells of that mesh [µm].
     """
 
     one: ForwardModel
     another: Callable[[], ForwardModel] | None = None
+    size: float | None = None
 
     def turned(self, causes: Sequence[Cause]) -> FineModels:
         """Return the same with the orientations that the flips among these causes make."""
         another = None if self.another is None else partial(_turned, self.another, causes)
-        return FineModels(turned(self.one, causes), another)
+        return replace(self, one=turned(self.one, causes), another=another)
 
     def corrections(
         self, objective: Objective, here: Fit, both: bool, executor: Executor
-    ) -> tuple[Correction, Correction | None]:
-        """Finer minus working prediction at a fit, and half of what the other mesh adds.
+    ) -> tuple[Correction, SecondMesh | None]:
+        """Finer minus working prediction at a fit, and what the other mesh adds.
 
         Both are taken at the same parameters: what the difference changes by from fit to fit is no
         difference of the meshes. The latter is None where it was not asked for, or cannot be had.
@@ -70,10 +73,10 @@ class FineModels:
             return change, None
         logger.info(_AGAIN)
         second = _Taken(other, []) if isinstance(other, Failure) else others[0]
-        return change, _half(change, second.told())
+        return change, self._beside(change, other, second)
 
-    def spread(self, objective: Objective, here: Fit) -> Correction | None:
-        """Half of what the other mesh adds at a fit to the correction that an objective has.
+    def second(self, objective: Objective, here: Fit) -> SecondMesh | None:
+        """Return what the other mesh adds at a fit to the correction that an objective has.
 
         That correction follows its parameters by its derivatives. None where the other mesh cannot
         be had.
@@ -94,7 +97,25 @@ class FineModels:
             if isinstance(other, Failure)
             else _taken(_Task(objective, here, other, False))
         )
-        return _half(objective.correction.at(here.values), second.told())
+        return self._beside(objective.correction.at(here.values), other, second)
+
+    def _beside(
+        self, first: Correction, other: ForwardModel | Failure, taken: _Taken
+    ) -> SecondMesh | None:
+        """Return what the other mesh says beside the first, by the correction taken on it.
+
+        Of hexahedra in one family the smaller ones are the better ones, by a known error.
+        """
+        found = taken.told()
+        if found is None or isinstance(other, Failure):
+            return None
+        difference = Correction(
+            np.asarray(found.motion) - first.motion, np.asarray(found.load) - first.load
+        )
+        meshes = [model.microstructure.mesh for model in (self.one, other)]
+        if self.size is not None and lacking_share(meshes[0], meshes[1]):
+            return SecondMesh.better(difference, self.size)
+        return SecondMesh.alike(difference)
 
 
 _AGAIN = "the same on another mesh"
@@ -142,16 +163,6 @@ class _Taken:
 def _taken(task: _Task) -> _Taken:
     with collected_lines() as lines:
         return _Taken(task.take() if task.first else attempt(task.take), lines)
-
-
-def _half(first: Correction, second: Correction | None) -> Correction | None:
-    """Return half of what the second correction adds to the first."""
-    if second is None:
-        return None
-    return Correction(
-        0.5 * (np.asarray(second.motion) - first.motion),
-        0.5 * (np.asarray(second.load) - first.load),
-    )
 
 
 def _turned(another: Callable[[], ForwardModel], causes: Sequence[Cause]) -> ForwardModel:

@@ -1,17 +1,20 @@
-"""A finding has to be there on another mesh as well.
+"""A finding has to be there on a second finer mesh as well.
 
 A mesh errs in its own way, mostly where crystals yield, and so do many causes: on a coarse mesh
-and with many images the error of the finer simulation may look like one of them. On another mesh
-it is another one: the mean of both corrections is the better one, and half of what they differ by
-is what it may be off. A little of it makes what is visible larger; where it is more than that the
-simulation is not exact enough to judge.
+and with many images the error of the finer simulation may look like one of them.
+
+Of hexahedra the second mesh has smaller cells of the same family, and errs less than the first by
+a known factor: it takes the place of the first. Of tetrahedra both are as good as each other: the
+mean of both corrections is the better one, and half of what they differ by is what it may be off. A
+little of it makes what is visible larger; where it is more than that the simulation is not exact
+enough to judge.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,8 +24,9 @@ from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor
 from driver.diagnosis.statistics.correction_change import whitened_difference
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score, significance
-from driver.identification.correction import Correction
+from driver.identification.correction import Correction, SecondMesh
 from driver.identification.fit import POLISH, Fit, fit_from
+from driver.identification.identify import with_correction
 from driver.identification.objective import Objective
 
 logger = logging.getLogger(__name__)
@@ -35,13 +39,13 @@ class OnBoth:
     Attributes:
         lost: the change that takes every significant score away, None where one of them stays; it
             is passed where the meshes are close enough for their mean to judge.
-        first: the correction by the finer mesh, to be taken at the fit.
-        spread: half of what the other one adds.
+        first: the correction by the first finer mesh, to be taken at the fit.
+        second: what the other one says beside it.
     """
 
     lost: DiscretisationCheck | None
     first: Correction
-    spread: Correction
+    second: SecondMesh
 
 
 def held_against_both(
@@ -49,37 +53,39 @@ def held_against_both(
     here: Fit,
     objective: Objective,
     scores: Sequence[Score],
+    accepted: bool,
     widened: float,
     executor: Executor,
 ) -> OnBoth | None:
-    """Hold what is significant against another mesh.
+    """Hold what is significant, or left by the tests, against another mesh.
 
-    Nothing is lost where a score is significant with the mean of both corrections.
+    Nothing is lost where a score is significant with the mean of both corrections, and where the
+    other mesh is the better one, which judges by itself.
 
     Args:
         finer: the finer models.
         here: the fit.
         objective: its objective, with the correction by the finer model.
         scores: of all causes at the fit.
+        accepted: whether the tests against no particular cause accept the residual.
         widened: by how much the simulation's own error widens them.
         executor: who simulates.
 
     Returns:
-        None where nothing is significant, the objective has both meshes already, or there is no
-        other one.
+        None where nothing is seen, the objective has both meshes already, or there is no other one.
 
     Raises:
         SolverError: the finer simulation could not be finished.
     """
     seen = [s for s in scores if s.p < NAMING_LEVEL and s.directions.size and s.cause != NUMERICS]
-    if not seen or objective.spread is not None or finer.another is None:
+    if (not seen and accepted) or objective.second is not None or finer.another is None:
         return None
-    first, spread = _corrections(finer, here, objective, executor)
-    if spread is None:
+    first, second = _corrections(finer, here, objective, executor)
+    if second is None:
         return None
     taken = objective.correction.at(here.values)
-    both = whitened_difference(objective, first.at(here.values).mean_with(spread), taken)
-    half = whitened_difference(objective, spread, Correction())
+    both = whitened_difference(objective, first.at(here.values).with_second(second), taken)
+    apart = whitened_difference(objective, second.difference, Correction())
     effects = []
     for scored in seen:
         p = significance(
@@ -87,39 +93,43 @@ def held_against_both(
             scored.directions, here.best,
             scored.family, objective.data.load_degrees,
         )  # fmt: skip
-        moved = 2.0 * scored.directions @ half / widened
+        moved = scored.directions @ apart / widened
         effects.append(float(np.linalg.norm(moved)))
         logger.info(
             f"  {scored.cause.name}: moved by {effects[-1]:.1f} σ, p {scored.p:.2g} → {p:.2g}"
         )
         if p < NAMING_LEVEL:
-            return OnBoth(None, first, spread)
+            return OnBoth(None, first, second)
+    if not seen or second.is_better:
+        return OnBoth(None, first, second)
     worst = int(np.argmax(effects))
     lost = DiscretisationCheck(effects[worst], seen[worst].cause, "mesh", between_meshes=True)
-    return OnBoth(lost, first, spread)
+    return OnBoth(lost, first, second)
 
 
 def _corrections(
     finer: FineModels, here: Fit, objective: Objective, executor: Executor
-) -> tuple[Correction, Correction | None]:
-    """Return the correction by the finer mesh, and half of what the other one adds at the fit."""
+) -> tuple[Correction, SecondMesh | None]:
+    """Return the correction by the finer mesh, and what the other one adds at the fit."""
     known = objective.correction
     if known.derivatives is None:
         logger.info("finer mesh and steps at this fit")
         return finer.corrections(objective, here, True, executor)
     # Its derivatives take it to the fit: no more than a polish has moved that since.
-    return known, finer.spread(objective, here)
+    return known, finer.second(objective, here)
 
 
-def with_both(objective: Objective, here: Fit, both: OnBoth) -> tuple[Objective, Fit]:
-    """Return the objective with the mean of both corrections, fitted.
+def with_both(
+    objective: Objective, here: Fit, both: OnBoth, sizes: tuple[float, float]
+) -> tuple[Objective, Fit]:
+    """Return the objective with what both meshes say together, fitted.
 
     Args:
-        objective: with the correction by the finer model.
+        objective: with the correction by the first finer model.
         here: its fit.
         both: what two finer meshes say.
+        sizes: element sizes of the working and of the first finer mesh [µm].
     """
-    mean = both.first.mean_with(both.spread)
-    mean = mean.completed_by(objective.correction)
-    objective = replace(objective, correction=mean, spread=both.spread)
+    first, noise = both.first.completed_by(objective.correction), objective.data.image.noise_factor
+    objective = with_correction(objective, noise, first, sizes, both.second)
     return objective, fit_from(here.best, objective, POLISH)

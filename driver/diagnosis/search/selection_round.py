@@ -109,24 +109,28 @@ def examine(
     room = len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS
     if room and not counted_first:
         executor = Executor(settings.processes, settings.threads)
-        both = held_against_both(finer, here, objective, seen.scores, seen.widened, executor)
+        both = held_against_both(
+            finer, here, objective, seen.scores, seen.tests.accepted, seen.widened, executor
+        )
         # Where both meshes agree on a finding, looks follow at the fit with both alone.
         if both is None or _beyond(both):
             near = _significant(seen.scores)
             seen = _looked(seen, here, objective, executor)
             if _significant(seen.scores) - near:
                 both = held_against_both(
-                    finer, here, objective, seen.scores, seen.widened, executor
-                )
+                    finer, here, objective, seen.scores, seen.tests.accepted, seen.widened,
+                    executor,
+                )  # fmt: skip
         if both is not None:
             lost = both.lost
             if not _beyond(both):
-                objective, here = with_both(objective, here, both)
+                objective, here = with_both(objective, here, both, settings.sizes)
                 # The sensitivities stay those at the fit before, a fraction of a σ away.
                 screening = objective.compare(
                     screening.prediction, screening.values, screening.free
                 )
-                logger.info("  with the mean of both meshes:")
+                better = both.second.is_better
+                logger.info(f"  with the {'smaller cells' if better else 'mean of both meshes'}:")
                 seen = _first_order(here, objective, candidates, screening, settings, stops)
                 seen = _looked(seen, here, objective, executor)
         if lost is None or lost.passed:

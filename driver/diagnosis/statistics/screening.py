@@ -75,15 +75,15 @@ def screen(
 ) -> tuple[list[Score], float]:
     """Score every candidate, and the discretisation; best log evidence first.
 
-    Where two finer meshes were compared half of what they differ by hides causes: it counts in what
-    is visible of each.
+    Where two finer meshes as good as each other were compared, half of what they differ by hides
+    causes: it counts in what is visible of each.
 
     Args:
         here: the fit that is examined.
         objective: its objective.
         candidates: the causes.
         effects: whitened sensitivities of each per prior scale, shapes (k_c, n).
-        sizes: element sizes of the working and of the finer mesh [µm].
+        sizes: element sizes of the working and of the first finer mesh [µm].
 
     Returns:
         The scores, and the variance that they count along the causes, 1 for noise alone.
@@ -95,6 +95,7 @@ def screen(
     if isinstance(change.load, np.ndarray):
         pairs.append((NUMERICS, whitened_difference(objective, change, Correction())[None]))
         # What steps of first order leave is in the covariance, with its own pattern.
+        sizes = objective.sizes(sizes)
         left = patterns_left(objective.model.microstructure.mesh, sizes, change.of_mesh, data.load)
 
     off = off_by_meshes(objective)
@@ -110,21 +111,24 @@ def screen(
 
 
 def off_by_meshes(objective: Objective) -> FloatArray | None:
-    """Return half of what two finer meshes differ by, whitened, shape (n,); None of one mesh."""
-    if objective.spread is None:
+    """Return half of what two finer meshes differ by, whitened, shape (n,).
+
+    None of one mesh, and where the second is the better one.
+    """
+    if objective.second is None or objective.second.off is None:
         return None
-    return whitened_difference(objective, objective.spread, Correction())
+    return whitened_difference(objective, objective.second.off, Correction())
 
 
 def own_error_shapes(objective: Objective) -> FloatArray:
     """Return what the simulation's own error looks like, whitened, shape (m, n).
 
-    The correction itself, of which a share may be left, half of what two finer meshes differ by,
-    and what steps of first order leave; none without a correction.
+    The correction itself, of which a share may be left, half of what two finer meshes as good as
+    each other differ by, and what steps of first order leave; none without a correction.
     """
-    left = objective.correction.left_by_steps
+    left, second = objective.correction.left_by_steps, objective.second
     of_steps = None if left is None else Correction(left.motion, left.load)
-    known = [objective.correction, objective.spread, of_steps]
+    known = [objective.correction, None if second is None else second.off, of_steps]
     shapes = [
         whitened_difference(objective, change, Correction())
         for change in known

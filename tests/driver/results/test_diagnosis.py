@@ -37,7 +37,7 @@ KEYS = {
     "gain.budget_after": {"noise", "free", "model", "basis", "load"},
     "numerics": {
         "effect_sigma", "on", "passed", "needed", "between_meshes", "fitted_anew", "off_by_mesh",
-        "missing_share",
+        "missing_share", "second_mesh_um",
     },
     "travel_ratio": {"value", "sigma", "of_phases"},
     "load_noise": {"stated_uN", "found_uN", "degrees"},

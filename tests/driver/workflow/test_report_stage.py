@@ -227,6 +227,14 @@ def test_what_two_finer_meshes_differ_by_is_told_as_that(written: Results) -> No
     assert row["text"] == text and not row["passed"]
 
 
+def test_the_second_finer_mesh_that_judges_is_told(written: Results) -> None:
+    findings = written.findings()
+    assert findings.diagnosis is not None
+    numerics = findings.diagnosis["numerics"] | {"second_mesh_um": 2 / 3}
+    row, *_ = checks(replace(findings, diagnosis=findings.diagnosis | {"numerics": numerics}))
+    assert row["text"].endswith("; their correction is that of a second finer mesh, of 0.667 µm")
+
+
 def test_names_of_the_case_break_out_of_neither_page_nor_script(written: Results) -> None:
     name, findings = "</script><b onclick=x>'\"&amp;", written.findings()
     grains = (findings.case.grains[0].model_copy(update={"name": name}), *findings.case.grains[1:])
@@ -439,6 +447,7 @@ def test_results_of_another_version_are_refused_with_what_to_do(
         "between_meshes",
         "fitted_anew",
         "missing_share",
+        "second_mesh_um",
     ],
 )
 def test_a_verdict_of_an_earlier_version_is_refused_with_what_to_do(

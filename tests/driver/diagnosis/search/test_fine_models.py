@@ -44,17 +44,18 @@ def raising(error: Exception) -> Callable[[], ForwardModel]:
 
 
 def test_two_meshes_give_the_difference_of_the_first_and_half_of_what_the_other_adds() -> None:
-    first, half = FineModels(ONE, lambda: ANOTHER).corrections(
+    first, second = FineModels(ONE, lambda: ANOTHER).corrections(
         OBJECTIVE, here(), True, Executor(1, 1)
     )
     working, one, other = (m.predict(here().values) for m in (BENCH.model, ONE, ANOTHER))
-    assert half is not None
+    assert second is not None and second.off is second.added
+    half = second.added
     assert first.motion == pytest.approx(one.motion - working.motion, abs=1e-12)
     assert first.load == pytest.approx(one.load - working.load, abs=1e-9)
     assert half.motion == pytest.approx(0.5 * (other.motion - one.motion), abs=1e-12)
     assert half.load == pytest.approx(0.5 * (other.load - one.load), abs=1e-9)
     assert np.abs(half.load).max() > 0.1  # µN: there is a difference
-    both = first.mean_with(half)
+    both = first.with_second(second)
     mean = 0.5 * (one.load + other.load)
     assert both.load == pytest.approx(mean - working.load, abs=1e-9)
 
@@ -68,7 +69,7 @@ def test_both_meshes_are_simulated_side_by_side_with_the_same_numbers_and_words(
     told = lines.copy()
     same, as_much = meshes.corrections(OBJECTIVE, at, True, Executor(2, 1))
     assert half is not None and as_much is not None
-    for one, other in ((first, same), (half, as_much)):
+    for one, other in ((first, same), (half.added, as_much.added)):
         np.testing.assert_array_equal(one.motion, other.motion)
         np.testing.assert_array_equal(one.load, other.load)
     values = {n: 1.02 * v for n, v in at.values.items()}
@@ -82,13 +83,13 @@ def test_what_the_other_mesh_adds_is_told_without_the_first_one_again() -> None:
     away = {n: 1.02 * v if n == "tau0" else v for n, v in baseline.values.items()}
     taken = correction(BENCH.model, ONE, BENCH.model.predict(away, free), away, free=free)
     meshes = FineModels(replace(ONE, adapter=Never()), lambda: ANOTHER)
-    half = meshes.spread(replace(OBJECTIVE, correction=taken), baseline)
+    half = meshes.second(replace(OBJECTIVE, correction=taken), baseline)
     _, wanted = FineModels(ONE, lambda: ANOTHER).corrections(
         OBJECTIVE, baseline, True, Executor(1, 1)
     )
     assert half is not None and wanted is not None
     constant = 0.5 * np.abs(taken.load - taken.at(baseline.values).load).max()
-    assert np.abs(half.load - wanted.load).max() < 0.1 * constant
+    assert np.abs(half.added.load - wanted.added.load).max() < 0.1 * constant
 
 
 def test_the_other_mesh_is_made_where_it_is_asked_for_alone() -> None:

@@ -21,7 +21,7 @@ from driver.diagnosis.search.selection_round import examine
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, effects_of
 from driver.diagnosis.statistics.screening import screen, screened
 from driver.experiment.history import History, turning_points
-from driver.identification.correction import Correction
+from driver.identification.correction import Correction, SecondMesh
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from driver.parameters.registry import declared_parameters
@@ -281,7 +281,7 @@ def test_what_two_meshes_differ_by_counts_in_what_a_look_shows() -> None:
     right = examined(0.0)
     known = right.fit.best.prediction
     half = Correction(0.0 * known.motion, 5.0 * np.sin(np.arange(len(known.load))))
-    apart = replace(right, objective=replace(right.objective, spread=half))
+    apart = replace(right, objective=replace(right.objective, second=SecondMesh(half, half)))
     far, beside = (_of(look(at).scores, "non_schmid") for at in (right, apart))
     assert beside.visible[0] > 1.05 * far.visible[0]
 
