@@ -2,7 +2,7 @@
 
     python -m benchmarks.numerics           every mesh of `MESHES`, and corrections by two of them
     python -m benchmarks.numerics --quick   the working prediction of the demo alone
-    python -m benchmarks.numerics --make alpha   its reference anew, which takes half an hour
+    python -m benchmarks.numerics --make alpha   its reference anew, an hour of CPU time
     python -m benchmarks.numerics --make short   that of the blind trial's specimen, a quarter
 
 The data, history and truth of the demo and of the blind trial's specimen. The difference of a
@@ -83,8 +83,8 @@ CORRECTED = (
 )
 """Working meshes whose corrected prediction is judged, each with two meshes for its correction."""
 SMALLEST = (
-    (Discretisation("hex20", 0.667, True), Discretisation("hex20", 0.5, True)),
-    (Discretisation("tet10", 0.5, True), Discretisation("tet10", 0.35, True)),
+    (Discretisation("hex20", 0.4, True), Discretisation("hex20", 0.333, True)),
+    (Discretisation("tet10", 0.35, True), Discretisation("tet10", 0.27, True)),
 )
 """The reference of the demo: each kind of cells is extrapolated from two sizes."""
 

@@ -8,7 +8,7 @@ import pytest
 
 from driver.forward.model import ForwardModel
 from driver.forward.prediction import Prediction
-from driver.identification.correction import Correction, correction
+from driver.identification.correction import Correction, SecondMesh, correction
 from driver.identification.fit import fit
 from driver.parameters.boundary import LAMBDAS, elongation_names
 from solver_adapters.interface import Capabilities
@@ -143,3 +143,32 @@ def test_of_a_constant_correction_nothing_is_taken_over() -> None:
     _, before = taken()
     constant = replace(before, derivatives=None)
     assert before.completed_by(constant) is before and constant.completed_by(before) is constant
+
+
+def of(motion: float, load: float) -> Correction:
+    return Correction(np.full((2, 3, 3), motion), np.full(2, load))
+
+
+def test_a_better_second_mesh_takes_the_place_of_the_first() -> None:
+    first, second = of(1e-3, 2.0), of(1.5e-3, 1.0)
+    both = SecondMesh.better(of(0.5e-3, -1.0), 0.667)
+    together = first.with_second(both)
+    np.testing.assert_allclose(together.motion, second.motion)
+    np.testing.assert_allclose(together.load, second.load)
+    assert both.is_better and both.size == 0.667
+    np.testing.assert_array_equal(both.difference.load, -1.0)
+
+
+def test_two_meshes_as_good_as_each_other_judge_by_their_mean() -> None:
+    both = SecondMesh.alike(of(0.5e-3, -1.0))
+    together = of(1e-3, 2.0).with_second(both)
+    np.testing.assert_allclose(together.motion, 1.25e-3)
+    np.testing.assert_allclose(together.load, 1.5)
+    assert not both.is_better and both.off is not None and both.size is None
+    np.testing.assert_allclose(both.off.load, -0.5)
+    np.testing.assert_allclose(both.difference.motion, 0.5e-3)
+
+
+def test_without_a_second_mesh_a_correction_is_what_it_is() -> None:
+    first = of(1e-3, 2.0)
+    assert first.with_second(None) is first
