@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import ceil
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,8 @@ from solver_adapters.parameter import Parameter
 from solver_adapters.registry import find_adapter
 
 _SMALLER = (0.93, 0.9, 0.87, 0.84, 0.8, 0.75)  # elements of another mesh over those of the first
-_TWO_THIRDS = 2 / 3  # of hexahedra over those of the first mesh
+_TWO_THIRDS = 2 / 3  # elements of a second mesh of the user's own over those of the first
+_THREE_QUARTERS = 0.75  # hexahedra of a second mesh over those of the first, at most
 _NEXT_COARSER = 0.75  # cells along a side of a mesh to extrapolate with, over those of the finer
 _COMMON = 0.2  # share of its nodes that it may have in common with the first
 _SAME = 0.02  # element sizes between two nodes that are as good as the same
@@ -111,32 +113,43 @@ def refuse_size(case: Case, key: str, size: float) -> None:
         raise InputError(f"specimen.{key}: {error}") from None
 
 
+def second_mesh_is_better(case: Case) -> bool:
+    """Whether the second finer mesh has smaller cells of one family, whose error is known."""
+    return case.specimen.cell_kind == "hex20" and not case.specimen.of_mesh
+
+
 def size_of_second_mesh(case: Case) -> float:
-    """Size of the cells of the mesh that may contradict the finer one, of tetrahedra about [µm]."""
+    """Size of the cells of the second finer mesh, of tetrahedra about [µm].
+
+    Hexahedra: the largest that are at most three quarters of those of the first one, of which a
+    whole number is on half of the longest side.
+    """
     specimen = case.specimen
-    smaller = _TWO_THIRDS if specimen.cell_kind == "hex20" or specimen.of_mesh else _SMALLER[2]
-    return smaller * specimen.fine_mesh_size
+    if second_mesh_is_better(case):
+        divisions = specimen.divisions(specimen.fine_mesh_size)
+        return specimen.size_of(ceil(divisions / _THREE_QUARTERS))
+    return (_TWO_THIRDS if specimen.of_mesh else _SMALLER[2]) * specimen.fine_mesh_size
 
 
-def another_mesh_of(case: Case, size: float, points: FloatArray) -> PrismMesh:
-    """Return a mesh of smaller elements that may contradict one of a size.
+def another_mesh_of(case: Case, points: FloatArray) -> PrismMesh:
+    """Return the second finer mesh of a case.
 
-    Hexahedra, and a mesh of the user's own: cells of two thirds of the size, whose error is half as
-    large in the motion and two thirds as large in the load. Tetrahedra: cells somewhat smaller with
+    Hexahedra: the smaller cells of `size_of_second_mesh`. A mesh of the user's own: cells of two
+    thirds of the size. Tetrahedra: cells somewhat smaller with
     few nodes in common; numbers of elements along an edge are whole, and meshes of nearly the same
     size may be the same, so that it is the largest of six with at most a fifth in common, or the
     smallest where none has.
 
     Args:
         case: the case.
-        size: elements of that mesh [µm].
-        points: its nodes [µm], shape (n, 3).
+        points: of the first finer mesh, its nodes [µm], shape (n, 3).
 
     Raises:
         InputError: the prism cannot be meshed with such elements.
     """
-    if case.specimen.cell_kind == "hex20" or case.specimen.of_mesh:
-        return mesh_of(case, _TWO_THIRDS * size)
+    size = case.specimen.fine_mesh_size
+    if second_mesh_is_better(case) or case.specimen.of_mesh:
+        return mesh_of(case, size_of_second_mesh(case))
     nodes, mesh = cKDTree(points), mesh_of(case, _SMALLER[0] * size)
     for smaller in _SMALLER[1:]:
         if np.mean(nodes.query(mesh.points)[0] < _SAME * size) <= _COMMON:

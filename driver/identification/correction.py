@@ -165,38 +165,33 @@ class SecondMesh:
     """What a second finer mesh says beside a first one.
 
     Attributes:
-        added: what is added to the correction by the first one.
-        off: what the sum is off by, one standard deviation, where both may be as wrong as each
-            other; None where the second one is the better one.
-        size: of the cells of the better one, by which its error is known [µm], else None.
+        difference: its correction less that by the first one [µm, µN].
+        size: of its cells, where they are the better ones and take the place of the first [µm];
+            None where both meshes are as good as each other, and their mean is better than either.
     """
 
-    added: Correction
-    off: Correction | None
+    difference: Correction
     size: float | None = None
 
     @property
     def is_better(self) -> bool:
         """Whether it takes the place of the first."""
-        return self.off is None
+        return self.size is not None
 
     @property
-    def difference(self) -> Correction:
-        """What it differs by from the first."""
-        times = 1.0 if self.is_better else 2.0
-        motion, load = np.asarray(self.added.motion), np.asarray(self.added.load)
-        return Correction(times * motion, times * load)
+    def added(self) -> Correction:
+        """What is added to the correction by the first one: all of the difference, or half."""
+        return self.difference if self.is_better else self._half
 
-    @classmethod
-    def better(cls, difference: Correction, size: float) -> SecondMesh:
-        """Return a second mesh whose prediction stands in the place of that of the first."""
-        return cls(difference, None, size)
+    @property
+    def off(self) -> Correction | None:
+        """What the mean is off by, one standard deviation; None where the second one judges."""
+        return None if self.is_better else self._half
 
-    @classmethod
-    def alike(cls, difference: Correction) -> SecondMesh:
-        """Return a second mesh as good as the first one: their mean is better than either."""
-        half = Correction(0.5 * np.asarray(difference.motion), 0.5 * np.asarray(difference.load))
-        return cls(half, half)
+    @property
+    def _half(self) -> Correction:
+        motion, load = np.asarray(self.difference.motion), np.asarray(self.difference.load)
+        return Correction(0.5 * motion, 0.5 * load)
 
 
 def correction(

@@ -270,11 +270,11 @@ def with_correction(
     image = replace(objective.data.image, noise_factor=noise_factor)
     whole = change.with_second(second)
     objective = replace(objective, correction=whole, second=second)
-    sizes = objective.sizes(sizes)
+    behind = objective.sizes_behind(sizes)
     left_by = whole if second is not None and second.is_better else change
     mesh, (motion, load) = objective.model.microstructure.mesh, left_by.of_mesh
-    left = load_left(mesh, sizes, load, objective.data.load)
-    error = simulation_error(image, motion, left, sizes[1], share_left(mesh, sizes))
+    left = load_left(mesh, behind, load, objective.data.load)
+    error = simulation_error(image, motion, left, behind[1], share_left(mesh, behind))
     data = replace(
         objective.data, image=image, simulation_error=error, step_error=change.left_by_steps
     )

@@ -41,7 +41,7 @@ class Objective:
     correction: Correction = Correction()
     second: SecondMesh | None = None
 
-    def sizes(self, first: tuple[float, float]) -> tuple[float, float]:
+    def sizes_behind(self, first: tuple[float, float]) -> tuple[float, float]:
         """Return the element sizes by which it is known what the correction leaves wrong [µm].
 
         Args:

@@ -137,7 +137,7 @@ def on_another_mesh(case: Case, problem: IdentificationProblem) -> ForwardModel:
         InputError: the prism cannot be meshed with such elements.
     """
     finer, history = problem.finer, problem.experiment.history
-    mesh = another_mesh_of(case, case.specimen.fine_mesh_size, finer.microstructure.mesh.points)
+    mesh = another_mesh_of(case, finer.microstructure.mesh.points)
     other = build_finer_model(
         case, mesh, history, problem.images.xy, finer.adapter, finer.workspace
     )

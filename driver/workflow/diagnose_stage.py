@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from time import perf_counter
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from driver.case.model import SCHEMA_FILE, Case, schema_text, write_case
+from driver.diagnosis.answer.moved_by_second_mesh import moved_by_second_mesh, moved_told
 from driver.diagnosis.answer.residual_localisation import (
     ResidualLocalisation,
     as_text,
@@ -24,15 +26,15 @@ from driver.diagnosis.search.diagnose import diagnose
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.statistics.screening import screened
 from driver.experiment.held_out import held_out_cycle
-from driver.experiment.history import History
-from driver.forward.build import geometry_of, size_of_second_mesh
+from driver.forward.build import geometry_of, second_mesh_is_better, size_of_second_mesh
 from driver.identification.fit import Fit, fit
 from driver.identification.identifiability import far_off_told
 from driver.identification.identify import corrected_with_derivatives
-from driver.identification.objective import Evaluation, Objective
+from driver.identification.objective import Evaluation
 from driver.identification.problem import IdentificationProblem, on_another_mesh
 from driver.identification.slip_activity import slip_activity
 from driver.identification.travel_ratio import travel_ratio
+from driver.parameters.boundary import LAMBDAS
 from driver.parameters.covariance import COVARIANCE_PARAMETERS, NOISE_RATIO
 from driver.results.diagnosis import diagnosis_record
 from driver.results.extended_case import (
@@ -110,9 +112,8 @@ def run_diagnose(context: StageContext) -> None:
         sizes=problem.plan.sizes,
         own=own,
     )
-    finer = FineModels(
-        problem.finer, lambda: on_another_mesh(case, problem), size_of_second_mesh(case)
-    )
+    smaller = size_of_second_mesh(case) if second_mesh_is_better(case) else None
+    finer = FineModels(problem.finer, lambda: on_another_mesh(case, problem), smaller)
     diagnosis = diagnose(baseline, objective, finer, cycles, settings, known)
     parted = case.specimen.boundaries_stay and len(case.grains) > 1
     where = residual_localisation(
@@ -142,7 +143,7 @@ def run_diagnose(context: StageContext) -> None:
         context.workdir / DIAGNOSIS,
         record
         | {"meshes": _meshes(case)}
-        | _of_final(diagnosis.extended, problem.objective, problem.experiment.history),
+        | _of_final(diagnosis.extended, problem, _moved(diagnosis, identification.values, problem)),
     )
     fits = {"before": diagnosis.baseline, "after": diagnosis.extended}
     slip = slip_activity(diagnosis.objective.model, diagnosis.extended)
@@ -164,9 +165,21 @@ def _meshes(case: Case) -> dict[str, Any]:
     }
 
 
-def _of_final(final: Fit, objective: Objective, history: History) -> dict[str, Any]:
+def _moved(
+    found: Diagnosis, identified: Mapping[str, float], problem: IdentificationProblem
+) -> tuple[str, ...]:
+    """Return what a second finer mesh that judges moves of the identified values, in words."""
+    second, parameters = found.baseline_objective.second, problem.objective.parameters
+    if second is None or second.size is None:
+        return ()
+    moved = moved_by_second_mesh(identified, found.baseline, parameters, (*problem.law, *LAMBDAS))
+    return moved_told(moved, (problem.plan.sizes[0], second.size))
+
+
+def _of_final(final: Fit, problem: IdentificationProblem, moved: tuple[str, ...]) -> dict[str, Any]:
     """Tell and return what to look at of the parameters of the final model."""
-    warnings, ratio = far_off_told(final), travel_ratio(final, objective.parameters, history)
+    warnings = (*far_off_told(final), *moved)
+    ratio = travel_ratio(final, problem.objective.parameters, problem.experiment.history)
     for warning in warnings:
         logger.info(f"  WARNING: {warning}")
     if ratio is not None:

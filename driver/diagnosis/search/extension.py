@@ -133,11 +133,17 @@ def _outgrown(objective: Objective, begin: Fit, end: Fit) -> bool:
 
 
 def _corrected(objective: Objective, here: Fit, finer: FineModels, settings: Settings) -> Objective:
-    """Return the objective with the correction at a fit, by both meshes where it had both."""
+    """Return the objective with the correction at a fit, by both meshes where it had both.
+
+    What a second mesh took away stays away where it cannot be simulated here.
+    """
     logger.info("finer mesh and steps at the extended model")
     both, executor = objective.second is not None, Executor(settings.processes, settings.threads)
     change, second = finer.corrections(objective, here, both, executor)
     noise = noise_of_images(here, objective.data, settings)
+    if both and second is None:
+        logger.info("  what the other mesh adds is that at the fit before")
+        second = objective.second
     change = change.completed_by(objective.correction)
     return with_correction(objective, noise, change, settings.sizes, second)
 

@@ -15,7 +15,6 @@ from driver.common.progress import collected_lines
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.search.flip_trial import turned
 from driver.diagnosis.search.refit import Executor
-from driver.forward.mesh_extrapolation import lacking_share
 from driver.forward.model import ForwardModel
 from driver.identification.correction import Correction, SecondMesh, correction
 from driver.identification.fit import Fit
@@ -31,7 +30,8 @@ class FineModels:
     Attributes:
         one: on the finer mesh of the case.
         another: makes it on another mesh; None for a simulation without a mesh.
-        size: of the cells of that mesh [µm].
+        size: of the cells of that mesh, where they are the better ones [µm]; None where both
+            meshes are as good as each other.
     """
 
     one: ForwardModel
@@ -72,8 +72,8 @@ class FineModels:
         if other is None:
             return change, None
         logger.info(_AGAIN)
-        second = _Taken(other, []) if isinstance(other, Failure) else others[0]
-        return change, self._beside(change, other, second)
+        taken = _Taken(other, []) if isinstance(other, Failure) else others[0]
+        return change, self._beside(change, taken)
 
     def second(self, objective: Objective, here: Fit) -> SecondMesh | None:
         """Return what the other mesh adds at a fit to the correction that an objective has.
@@ -92,30 +92,20 @@ class FineModels:
             return None
         logger.info(_AGAIN)
         other = attempt(self.another)
-        second = (
+        taken = (
             _Taken(other, [])
             if isinstance(other, Failure)
             else _taken(_Task(objective, here, other, False))
         )
-        return self._beside(objective.correction.at(here.values), other, second)
+        return self._beside(objective.correction.at(here.values), taken)
 
-    def _beside(
-        self, first: Correction, other: ForwardModel | Failure, taken: _Taken
-    ) -> SecondMesh | None:
-        """Return what the other mesh says beside the first, by the correction taken on it.
-
-        Of hexahedra in one family the smaller ones are the better ones, by a known error.
-        """
+    def _beside(self, first: Correction, taken: _Taken) -> SecondMesh | None:
+        """Return what the other mesh says beside the first, by the correction taken on it."""
         found = taken.told()
-        if found is None or isinstance(other, Failure):
+        if found is None:
             return None
-        difference = Correction(
-            np.asarray(found.motion) - first.motion, np.asarray(found.load) - first.load
-        )
-        meshes = [model.microstructure.mesh for model in (self.one, other)]
-        if self.size is not None and lacking_share(meshes[0], meshes[1]):
-            return SecondMesh.better(difference, self.size)
-        return SecondMesh.alike(difference)
+        motion, load = np.asarray(found.motion), np.asarray(found.load)
+        return SecondMesh(Correction(motion - first.motion, load - first.load), self.size)
 
 
 _AGAIN = "the same on another mesh"

@@ -37,8 +37,9 @@ class OnBoth:
     """What two finer meshes say.
 
     Attributes:
-        lost: the change that takes every significant score away, None where one of them stays; it
-            is passed where the meshes are close enough for their mean to judge.
+        lost: the change by which the mean of both takes every significant score away, passed where
+            the meshes are close enough for their mean to judge; None where one of them stays, and
+            where the second mesh is the better one.
         first: the correction by the first finer mesh, to be taken at the fit.
         second: what the other one says beside it.
     """
@@ -57,10 +58,9 @@ def held_against_both(
     widened: float,
     executor: Executor,
 ) -> OnBoth | None:
-    """Hold what is significant, or left by the tests, against another mesh.
+    """Hold what is significant against another mesh.
 
-    Nothing is lost where a score is significant with the mean of both corrections, and where the
-    other mesh is the better one, which judges by itself.
+    A better mesh judges by itself, of what the tests reject without a cause as well.
 
     Args:
         finer: the finer models.
@@ -72,13 +72,15 @@ def held_against_both(
         executor: who simulates.
 
     Returns:
-        None where nothing is seen, the objective has both meshes already, or there is no other one.
+        None where there is nothing to hold against it, the objective has both meshes already, or
+        there is no other one.
 
     Raises:
         SolverError: the finer simulation could not be finished.
     """
     seen = [s for s in scores if s.p < NAMING_LEVEL and s.directions.size and s.cause != NUMERICS]
-    if (not seen and accepted) or objective.second is not None or finer.another is None:
+    asked = bool(seen) or (finer.size is not None and not accepted)
+    if not asked or objective.second is not None or finer.another is None:
         return None
     first, second = _corrections(finer, here, objective, executor)
     if second is None:
@@ -100,7 +102,7 @@ def held_against_both(
         )
         if p < NAMING_LEVEL:
             return OnBoth(None, first, second)
-    if not seen or second.is_better:
+    if second.is_better:
         return OnBoth(None, first, second)
     worst = int(np.argmax(effects))
     lost = DiscretisationCheck(effects[worst], seen[worst].cause, "mesh", between_meshes=True)

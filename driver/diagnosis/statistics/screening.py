@@ -95,8 +95,8 @@ def screen(
     if isinstance(change.load, np.ndarray):
         pairs.append((NUMERICS, whitened_difference(objective, change, Correction())[None]))
         # What steps of first order leave is in the covariance, with its own pattern.
-        sizes = objective.sizes(sizes)
-        left = patterns_left(objective.model.microstructure.mesh, sizes, change.of_mesh, data.load)
+        mesh, behind = objective.model.microstructure.mesh, objective.sizes_behind(sizes)
+        left = patterns_left(mesh, behind, change.of_mesh, data.load)
 
     off = off_by_meshes(objective)
 

@@ -21,8 +21,11 @@ from driver.forward.build import (
     integration_of,
     mesh_of,
     refuse_parameters,
+    second_mesh_is_better,
+    size_of_second_mesh,
     surface_images,
 )
+from driver.forward.mesh_extrapolation import lacking_share
 from driver.forward.model import ForwardModel
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.bundled.adapter import BundledAdapter
@@ -167,31 +170,45 @@ def test_a_scheme_that_the_solver_lacks_is_refused() -> None:
 def test_another_mesh_has_few_nodes_in_common_where_a_little_smaller_elements_give_the_same(
     length: float, width: float, size: float
 ) -> None:
-    case = changed(closed_form.small_case(), "specimen", length_um=length, width_um=width)
+    case = changed(
+        closed_form.small_case(), "specimen", length_um=length, width_um=width,
+        fine_mesh_size_um=size,
+    )  # fmt: skip
     mesh = mesh_of(case, size)
     nodes = cKDTree(mesh.points)
 
     def common(other: PrismMesh) -> float:
         return float(np.mean(nodes.query(other.points)[0] < 0.02 * size))
 
-    other = another_mesh_of(case, size, mesh.points)
+    other = another_mesh_of(case, mesh.points)
     assert common(mesh_of(case, 0.93 * size)) > 0.5 and common(other) <= 0.2
     assert 1.0 < len(other.cells) / len(mesh.cells) < 2.4
 
 
 def test_the_largest_of_the_meshes_with_few_nodes_in_common_is_taken() -> None:
-    case = closed_form.small_case()
-    other = another_mesh_of(case, 1.0, mesh_of(case, 1.0).points)
+    case = changed(closed_form.small_case(), "specimen", fine_mesh_size_um=1.0)
+    other = another_mesh_of(case, mesh_of(case, 1.0).points)
     np.testing.assert_array_equal(other.points, mesh_of(case, 0.93).points)
 
 
-def test_hexahedra_are_meshed_on_request_and_another_mesh_has_cells_of_two_thirds() -> None:
-    case = changed(closed_form.small_case(), "specimen", cells="hex20")
-    mesh = mesh_of(case, 1.0)
-    assert mesh.cells.shape[1] == 20
-    other = another_mesh_of(case, 1.0, mesh.points)
-    np.testing.assert_array_equal(other.points, mesh_of(case, 2 / 3).points)
-    assert len(other.cells) > 2.5 * len(mesh.cells)
+@pytest.mark.parametrize(
+    ("size", "smaller"), [(1.0, 0.5), (0.62, 1 / 3), (0.5, 1 / 3), (0.333, 0.25), (0.25, 1 / 6)]
+)
+def test_the_second_mesh_of_hexahedra_has_more_of_them_on_a_side_and_its_size_is_told(
+    size: float, smaller: float
+) -> None:
+    """At most three quarters of the first ones, also where a size is rounded to whole cells."""
+    case = changed(closed_form.small_case(), "specimen", cells="hex20", fine_mesh_size_um=size)
+    mesh = mesh_of(case, size)
+    assert mesh.cells.shape[1] == 20 and second_mesh_is_better(case)
+    other = another_mesh_of(case, mesh.points)
+    assert size_of_second_mesh(case) == pytest.approx(smaller)
+    np.testing.assert_array_equal(other.points, mesh_of(case, smaller).points)
+    assert lacking_share(mesh, other)
+
+
+def test_a_second_mesh_of_tetrahedra_is_no_better() -> None:
+    assert not second_mesh_is_better(closed_form.small_case())
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,7 @@ from driver.forward.build import (
     geometry_of,
     mesh_of,
     refuse_size,
+    second_mesh_is_better,
 )
 from driver.forward.geometry import boundary_traces, grain_places
 from driver.forward.mesh_extrapolation import lacking_share
@@ -169,7 +170,8 @@ def test_meshes_of_a_file_are_one_family_of_which_finer_ones_are_extrapolated(fo
     working, finer = (
         mesh_of(case, size) for size in (case.specimen.mesh_size, case.specimen.fine_mesh_size)
     )
-    other = another_mesh_of(case, case.specimen.fine_mesh_size, finer.points)
+    other = another_mesh_of(case, finer.points)
+    assert not second_mesh_is_better(case)
     assert [len(mesh.cells) // len(working.cells) for mesh in (working, finer, other)] == [1, 8, 27]
     share = lacking_share(working, finer)
     assert share.motion == pytest.approx(0.5**1.5 / (1 - 0.5**1.5))

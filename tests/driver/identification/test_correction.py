@@ -10,10 +10,11 @@ from driver.forward.model import ForwardModel
 from driver.forward.prediction import Prediction
 from driver.identification.correction import Correction, SecondMesh, correction
 from driver.identification.fit import fit
+from driver.identification.identify import with_correction
 from driver.parameters.boundary import LAMBDAS, elongation_names
 from solver_adapters.interface import Capabilities
 from tools import closed_form
-from tools.closed_form import LAW
+from tools.closed_form import LAW, SIZES
 from tools.closed_form_diagnosis import finer, priors
 
 BENCH = closed_form.problem()
@@ -150,25 +151,50 @@ def of(motion: float, load: float) -> Correction:
 
 
 def test_a_better_second_mesh_takes_the_place_of_the_first() -> None:
-    first, second = of(1e-3, 2.0), of(1.5e-3, 1.0)
-    both = SecondMesh.better(of(0.5e-3, -1.0), 0.667)
-    together = first.with_second(both)
-    np.testing.assert_allclose(together.motion, second.motion)
-    np.testing.assert_allclose(together.load, second.load)
-    assert both.is_better and both.size == 0.667
-    np.testing.assert_array_equal(both.difference.load, -1.0)
+    better = SecondMesh(of(0.5e-3, -1.0), 0.667)
+    together = of(1e-3, 2.0).with_second(better)
+    np.testing.assert_allclose(together.motion, 1.5e-3)
+    np.testing.assert_allclose(together.load, 1.0)
+    assert better.is_better and better.off is None
 
 
 def test_two_meshes_as_good_as_each_other_judge_by_their_mean() -> None:
-    both = SecondMesh.alike(of(0.5e-3, -1.0))
-    together = of(1e-3, 2.0).with_second(both)
+    alike = SecondMesh(of(0.5e-3, -1.0))
+    together = of(1e-3, 2.0).with_second(alike)
     np.testing.assert_allclose(together.motion, 1.25e-3)
     np.testing.assert_allclose(together.load, 1.5)
-    assert not both.is_better and both.off is not None and both.size is None
-    np.testing.assert_allclose(both.off.load, -0.5)
-    np.testing.assert_allclose(both.difference.motion, 0.5e-3)
+    assert not alike.is_better and alike.off is not None
+    np.testing.assert_allclose(alike.off.motion, 0.25e-3)
+    np.testing.assert_allclose(alike.off.load, -0.5)
 
 
 def test_without_a_second_mesh_a_correction_is_what_it_is() -> None:
     first = of(1e-3, 2.0)
     assert first.with_second(None) is first
+
+
+def test_the_covariance_is_that_of_what_the_better_mesh_leaves_and_of_equals_that_of_either() -> (
+    None
+):
+    objective = closed_form.objective(BENCH, BENCH.truth)
+    rng = np.random.default_rng(5)
+    T, n_pix = len(BENCH.history.time), len(objective.data.image.images.xy)
+    first, more = (
+        Correction(1e-3 * rng.standard_normal((T, n_pix, 3)), rng.standard_normal(T))
+        for _ in range(2)
+    )
+    whole = Correction(np.asarray(first.motion) + more.motion, np.asarray(first.load) + more.load)
+    small = (SIZES[0], 0.5 * SIZES[1])
+    for second, change, sizes in (
+        (SecondMesh(more, small[1]), whole, small),
+        (SecondMesh(more), first, SIZES),
+    ):
+        found = with_correction(objective, 1.0, first, SIZES, second)
+        expected = with_correction(objective, 1.0, change, sizes).data.simulation_error
+        left = found.data.simulation_error
+        assert left is not None and expected is not None and found.second is second
+        np.testing.assert_allclose(abs(left.shapes), abs(expected.shapes), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(left.load, expected.load, rtol=1e-12)
+        assert found.sizes_behind(SIZES) == sizes
+    plain = with_correction(objective, 1.0, first, SIZES)
+    assert plain.second is None and plain.sizes_behind(SIZES) == SIZES

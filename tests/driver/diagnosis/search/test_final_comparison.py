@@ -10,6 +10,7 @@ from driver.diagnosis.causes.causes import LIBRARY, Cause
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.search.final_comparison import Final, correction_at, final_comparison
 from driver.identification.boundary_jitter import boundary_jitter
+from driver.identification.correction import Correction, SecondMesh
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Objective
 from meshes.arrays import FloatArray
@@ -100,3 +101,21 @@ def test_the_cycle_that_was_held_out_is_predicted_better_by_what_happened() -> N
     assert found.held_out is not None
     before, after = found.held_out
     assert before.cycle == after.cycle == 2 and after.chi_load < 0.8 * before.chi_load
+
+
+def test_what_a_second_mesh_adds_counts_at_the_end_and_in_the_model_before() -> None:
+    """Where it was asked for in a later round, the baseline had the first mesh alone."""
+    here, objective = baseline()
+    fitted, current = extended()
+    motion, load = np.asarray(objective.correction.motion), np.asarray(objective.correction.load)
+    added = Correction(np.zeros_like(motion), np.full_like(load, 3.0))
+    second = SecondMesh(added, 0.667)
+    both = replace(current, correction=current.correction.with_second(second), second=second)
+    found = ends((fitted, both), CURVED)
+    alone = ends((fitted, current), CURVED)
+    np.testing.assert_allclose(found.fresh.load, np.asarray(alone.fresh.load) + 3.0)
+    there = replace(objective, data=both.data, correction=objective.correction.with_second(second))
+    assert found.before.cost == pytest.approx(
+        fit(there, here.values, here.best.free, 12).best.cost, rel=1e-6
+    )
+    assert found.before.cost != pytest.approx(alone.before.cost, rel=1e-6)

@@ -48,7 +48,7 @@ def test_two_meshes_give_the_difference_of_the_first_and_half_of_what_the_other_
         OBJECTIVE, here(), True, Executor(1, 1)
     )
     working, one, other = (m.predict(here().values) for m in (BENCH.model, ONE, ANOTHER))
-    assert second is not None and second.off is second.added
+    assert second is not None and not second.is_better
     half = second.added
     assert first.motion == pytest.approx(one.motion - working.motion, abs=1e-12)
     assert first.load == pytest.approx(one.load - working.load, abs=1e-9)
@@ -120,3 +120,13 @@ def test_a_flip_of_the_ebsd_frame_turns_the_grains_of_both_meshes() -> None:
         model.simulation(BENCH.truth).orientations for model in (meshes.one, meshes.another(), ONE)
     )
     assert not np.allclose(one, measured) and np.array_equal(one, other)
+
+
+def test_a_second_mesh_of_better_cells_is_told_as_that_and_stays_it_for_turned_grains() -> None:
+    meshes = FineModels(ONE, lambda: ANOTHER, 0.667)
+    _, alike = FineModels(ONE, lambda: ANOTHER).corrections(OBJECTIVE, here(), True, Executor(1, 1))
+    _, better = meshes.corrections(OBJECTIVE, here(), True, Executor(1, 1))
+    assert alike is not None and better is not None
+    assert alike.size is None and better.size == 0.667 == meshes.turned((FLIPS[0],)).size
+    np.testing.assert_array_equal(better.difference.load, alike.difference.load)
+    np.testing.assert_array_equal(better.added.load, 2.0 * np.asarray(alike.added.load))

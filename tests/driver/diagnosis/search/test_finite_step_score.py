@@ -280,8 +280,8 @@ def test_from_where_on_a_bent_effect_is_seen_is_told_by_a_look() -> None:
 def test_what_two_meshes_differ_by_counts_in_what_a_look_shows() -> None:
     right = examined(0.0)
     known = right.fit.best.prediction
-    half = Correction(0.0 * known.motion, 5.0 * np.sin(np.arange(len(known.load))))
-    apart = replace(right, objective=replace(right.objective, second=SecondMesh(half, half)))
+    apart_by = Correction(0.0 * known.motion, 10.0 * np.sin(np.arange(len(known.load))))
+    apart = replace(right, objective=replace(right.objective, second=SecondMesh(apart_by)))
     far, beside = (_of(look(at).scores, "non_schmid") for at in (right, apart))
     assert beside.visible[0] > 1.05 * far.visible[0]
 

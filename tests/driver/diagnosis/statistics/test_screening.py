@@ -2,12 +2,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from driver.diagnosis.causes.causes import LIBRARY, NUMERICS
 from driver.diagnosis.statistics.score_test import effects_of
-from driver.diagnosis.statistics.screening import parameters_of_the_specimen, screen, screened
-from driver.identification.correction import Correction
+from driver.diagnosis.statistics.screening import (
+    off_by_meshes,
+    own_error_shapes,
+    parameters_of_the_specimen,
+    screen,
+    screened,
+)
+from driver.identification.correction import Correction, SecondMesh
 from solver_adapters.crystal import BCC, BCC48, FCC
 from solver_adapters.material import of_other_crystals
 from tools import closed_form
@@ -59,3 +66,26 @@ def test_without_a_correction_neither_the_discretisation_nor_what_it_leaves_is_s
     scored = [{s.cause.name for s in scores} for scores, _ in found]
     assert scored == [{"tilt_drift", NUMERICS.name}, {"tilt_drift"}]
     assert found[1][1] == 1.0
+
+
+def test_what_a_better_second_mesh_leaves_is_less_and_only_equals_are_off_by_each_other() -> None:
+    objective, fitted = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
+    candidates, names = screened(objective.model, fitted.best.free, ("grain_contrast",))
+    effects = effects_of(candidates, objective.evaluate(fitted.values, names), objective.parameters)
+    # A correction that looks like the cause.
+    other, same = (
+        objective.model.predict(fitted.values | {"tau0_grain2": ratio}) for ratio in (1.5, 1.0)
+    )
+    motion = other.motion - same.motion
+    large = replace(objective, correction=replace(objective.correction, motion=motion))
+    apart = Correction(1e-3 * np.ones_like(motion), np.ones(len(motion)))
+    widened, shapes, off = {}, {}, {}
+    for name, second in (
+        ("one", None), ("equals", SecondMesh(apart)), ("better", SecondMesh(apart, 0.1))
+    ):  # fmt: skip
+        here = replace(large, second=second)
+        _, widened[name] = screen(fitted, here, candidates, effects, SETTINGS.sizes)
+        shapes[name], off[name] = len(own_error_shapes(here)), off_by_meshes(here)
+    assert widened["one"] == widened["equals"] > 1.2 * widened["better"]
+    assert shapes == {"one": 1, "equals": 2, "better": 1}
+    assert off["one"] is None and off["better"] is None and off["equals"] is not None
