@@ -42,6 +42,8 @@ def moved_by_second_mesh(
 def moved_told(moved: Mapping[str, float], sizes: tuple[float, float]) -> tuple[str, ...]:
     """Return one sentence on what was moved, or none.
 
+    Stated sizes alone would ask for tetrahedra, of which no second mesh is the better one.
+
     Args:
         moved: by name [σ].
         sizes: of the working mesh and of the second finer one [µm].
@@ -51,6 +53,7 @@ def moved_told(moved: Mapping[str, float], sizes: tuple[float, float]) -> tuple[
     which = joined([f"{label_of(name)} by {by:+.1f} σ" for name, by in moved.items()])
     return (
         f"a second finer mesh, of {sizes[1]:.3g} µm, moves {which}: the identified values and the "
-        f"posterior are those of the first one; specimen.mesh_size_um = {sizes[0]:.3g} and "
-        f"specimen.fine_mesh_size_um = {sizes[1]:.3g} make them those of the second",
+        f'posterior are those of the first one; specimen.cells = "hex20", specimen.mesh_size_um = '
+        f"{sizes[0]:.3g} and specimen.fine_mesh_size_um = {sizes[1]:.3g} make them those of the "
+        "second",
     )

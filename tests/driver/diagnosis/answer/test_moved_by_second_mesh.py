@@ -26,7 +26,10 @@ def test_values_that_differ_by_more_than_their_sigma_are_told_with_what_to_write
     assert moved == {"tau0": pytest.approx(1.5)}
     (told,) = moved_told(moved, (2.0, 2 / 3))
     assert "of 0.667 µm, moves τ₀ by +1.5 σ" in told
-    assert "specimen.mesh_size_um = 2 and specimen.fine_mesh_size_um = 0.667" in told
+    keys = (
+        'specimen.cells = "hex20", specimen.mesh_size_um = 2 and specimen.fine_mesh_size_um = 0.667'
+    )
+    assert keys in told
 
 
 def test_where_nothing_moves_nothing_is_told() -> None:

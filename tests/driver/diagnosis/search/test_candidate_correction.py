@@ -18,7 +18,7 @@ from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor, refit_causes
 from driver.diagnosis.statistics.score_test import score
 from driver.diagnosis.statistics.screening import screened
-from driver.identification.correction import Derivatives
+from driver.identification.correction import Correction, Derivatives, SecondMesh
 from driver.identification.fit import Fit
 from meshes.arrays import FloatArray
 from solver_adapters.interface import NotRunError, Simulation, SolverError
@@ -297,3 +297,22 @@ def test_the_one_next_to_the_best_is_corrected_however_far_behind(
     after = with_candidate_corrections(refits, baseline.best, models, Executor(1, 1))
     assert taken == names[:4]
     assert [refit.cause.name for refit in after] == [names[0], "fourth", names[1], "fifth", "third"]
+
+
+def test_refits_are_corrected_with_what_a_second_mesh_adds_at_the_baseline() -> None:
+    baseline, before = refitted()
+    executor, models = Executor(1, 1), FineModels(finer(BENCH))
+    motion, load = (np.zeros_like(a) for a in before[0].objective.correction.of_mesh)
+    second = SecondMesh(Correction(motion, load + 3.0), 0.667)
+    both = [replace(r, objective=replace(r.objective, second=second)) for r in before]
+    alone, added = (
+        with_candidate_corrections(refits, baseline.best, models, executor)
+        for refits in (before, both)
+    )
+    one, other = (
+        next(r for r in after if r.cause.name == TRUE).objective for after in (alone, added)
+    )
+    assert one is not before[0].objective and other.second is second
+    assert np.mean(np.asarray(other.correction.load) - one.correction.load) == pytest.approx(
+        3.0, abs=0.5
+    )
