@@ -174,7 +174,6 @@ def simulate(own: Prepared) -> Simulated:
             own.problem.finer,
             prediction,
             own.values,
-            with_steps=True,
             free=own.names,
         )
     return Simulated(prediction, own.names, change)

@@ -414,7 +414,9 @@ def build_finer_model(
     adapter: Adapter,
     workspace: Path | None = None,
 ) -> ForwardModel:
-    """Return the forward model on a finer mesh, in finer steps.
+    """Return the forward model on a finer mesh, asked for finer steps.
+
+    A correction takes those on the working mesh.
 
     Hexahedra that are finer than those of the working mesh by more than one step of the family are
     extrapolated with larger ones of their own; others with the working mesh, by who has both.

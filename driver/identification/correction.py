@@ -20,7 +20,7 @@ from driver.forward.prediction import Prediction
 from driver.identification.data import Data
 from driver.identification.step_error import (
     StepError,
-    error_by_halves,
+    error_by_parts,
     has_first_order,
     in_parts_of,
     parts_of,
@@ -95,10 +95,9 @@ class Correction:
     Attributes:
         motion: at the pixels [µm], shape (T, n_pix, 3), or 0.
         load: [µN], shape (T,), or 0.
-        left_by_steps: what the time steps of the finer prediction leave wrong, None where it is not
-            known or the scheme is not of first order.
-        parts: q, equal parts of each working step in the finer simulation: of an error e of the
-            working steps the correction holds e (1 − 1/q) and leaves e/q.
+        left_by_steps: what time steps leave wrong, None where the scheme is not of first order.
+        parts: q, equal parts of each working step of first order that are stated: of an error e of
+            the working steps the correction holds e (1 − 1/q) and leaves e/q.
         derivatives: of motion and load, None where the correction counts as constant.
         course: trajectory of the finer simulation on the clock of the history, by which a later
             one begins its iterations; None where there is none.
@@ -137,13 +136,6 @@ class Correction:
             return motion, load
         held = self.left_by_steps.times(self.parts - 1)
         return motion - held.motion, load - held.load
-
-    def extrapolated(self, share: LackingShare) -> Correction:
-        """Return the correction with so much more of what it holds of the mesh."""
-        if not share:
-            return self
-        motion, load = self.of_mesh
-        return self.plus(share.motion * motion, share.load * load)
 
     def plus(self, motion: FloatArray, load: FloatArray) -> Correction:
         """Return the correction with more of both [µm, µN]."""
@@ -199,22 +191,20 @@ def correction(
     finer: ForwardModel,
     coarse: Prediction,
     values: Mapping[str, float],
-    with_steps: bool = False,
     free: Sequence[str] = (),
     near: Correction | None = None,
 ) -> Correction:
     """Finer minus working prediction, extrapolated where both meshes are of one family.
 
-    Steps of first order are taken in parts by the finer simulation, those that had to be cut too.
-    Of other steps the finer mesh takes those of the working model. What finer ones change is told
-    by the working mesh, as constant: of two small errors the product is left out.
+    The finer mesh takes the steps of the working prediction, those that had to be cut too. What
+    finer steps change is told by the working mesh, as constant: of two small errors the product is
+    left out.
 
     Args:
         working: the working model.
         finer: the finer model.
         coarse: the working prediction.
         values: every parameter that it was made with.
-        with_steps: whether the error of such steps is estimated, by one more simulation.
         free: the parameters for which the working prediction has derivatives, in that order. The
             correction gets them where they cost no further simulations.
         near: a correction by the same finer mesh at other parameters, by whose course the finer
@@ -232,15 +222,15 @@ def correction(
     if near is not None and near.course is not None:
         finer = replace(finer, trajectory=near.course)
     of_steps: list[ForwardModel] = []
+    # Of one part nothing is held; its error is that which halves tell.
+    halves = max(parts, 2)
     if first_order:
-        # Only what is of the mesh is extrapolated: the error of the steps has to be known.
-        if with_steps or more:
-            of_steps = [in_parts_of(working, coarse, values, 2)]
-        finer = in_parts_of(finer, coarse, values, parts)
-    elif meshes[0] is not meshes[1]:
-        if not finer.has_steps_of(working):
-            of_steps = [working.in_steps_of(finer)]
-        finer = finer.in_steps_of(working)
+        of_steps = [in_parts_of(working, coarse, values, halves)]
+    elif not finer.has_steps_of(working):
+        of_steps = [working.in_steps_of(finer)]
+    finer = finer.in_steps_of(working)
+    if first_order:
+        finer = in_parts_of(finer, coarse, values, 1)
     runs = [(finer, asked), *((model, ()) for model in of_steps)]
     # One after the other; jobs for another machine are prepared all at once.
     fine, *stepped = side_by_side(lambda run: run[0].predict(values, run[1]), runs, 1)
@@ -249,31 +239,26 @@ def correction(
     logger.info(f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms{of_motion}")
     if more:
         logger.info(
-            "  extrapolated to cells of no size, what is of the mesh: "
+            "  extrapolated to cells of no size: "
             f"{1 + more.motion:.2f} times in the motion, {1 + more.load:.2f} times in the load"
         )
     course = finer.warm_started_from(fine.response.trajectory, values).trajectory
     derivatives = None
     if asked:
         declared = tuple(working.parameters[name] for name in asked)
-        # Of first order, what is of the steps would be extrapolated with the rest.
-        lacking = LackingShare() if first_order else more
         both = [
-            prediction.derivatives_alone().with_derivatives_times(
-                1.0 + lacking.motion, 1.0 + lacking.load
-            )
+            prediction.derivatives_alone().with_derivatives_times(1 + more.motion, 1 + more.load)
             for prediction in (coarse, fine)
         ]
         derivatives = Derivatives(dict(values), declared, *both)
-    if not first_order or not stepped:
-        found = Correction(motion, load, None, parts, derivatives, course).extrapolated(more)
+    motion, load = (1 + more.motion) * motion, (1 + more.load) * load
+    found = Correction(motion, load, None, parts, derivatives, course)
+    if not first_order:
         for one in stepped:
             found = found.plus(one.motion - coarse.motion, one.load - coarse.load)
         return found
-    left = error_by_halves(coarse, stepped[0]).times(1 / parts)
-    corrected = Correction(motion, load, left, parts, derivatives, course).extrapolated(more)
-    if not with_steps:
-        return replace(corrected, left_by_steps=None)
+    left = error_by_parts(coarse, stepped[0], halves).times(1 / parts)
+    held = left.times(parts - 1)
     cuts = working.cut_steps(coarse.response)
     cut = f"{cuts} more than stated, as some were cut; " if cuts else ""
     wrong = np.sqrt(np.mean(left.load**2))
@@ -281,4 +266,4 @@ def correction(
         f"  time steps of first order: {cut}{wrong:.2f} µN rms of the load are still wrong, which "
         "the uncertainties count"
     )
-    return corrected
+    return replace(found.plus(held.motion, held.load), left_by_steps=left)

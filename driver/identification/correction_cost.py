@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from driver.case.model import Case
-from driver.forward.build import size_between, wanted_integration
+from driver.forward.build import size_between
 from driver.forward.cost import steps_seconds
-from driver.identification.step_error import FIRST_ORDER
 from solver_adapters.interface import Capabilities
 
 
@@ -30,23 +29,16 @@ def correction_seconds(
         runs: directions of each.
     """
     intervals, divisions = 2 * n_images, case.specimen.divisions(size)
-    steps = intervals * finer_steps(case, solver)
+    steps = intervals * case.solver.steps_per_interval
     seconds = sum(
         steps_seconds(case, solver, cells_of_size(case, n_cells, one), steps, n)
         for one in (size, size_between(case, divisions))
         if one is not None
         for n in runs
     )
-    # In finer steps the working mesh tells what those of the finer mesh leave wrong.
+    # What finer steps change is told by the working mesh.
     steps = intervals * case.solver.fine_steps_per_interval
     return seconds + len(runs) * steps_seconds(case, solver, n_cells, steps, 0)
-
-
-def finer_steps(case: Case, solver: Capabilities) -> int:
-    """Time steps an interval of the finer simulation: those of first order alone are finer."""
-    steps = case.solver
-    first_order = wanted_integration(case, solver) == FIRST_ORDER and steps.accuracy_uN is None
-    return steps.fine_steps_per_interval if first_order else steps.steps_per_interval
 
 
 def cells_of_size(case: Case, n_cells: int, size: float) -> int:

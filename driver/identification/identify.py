@@ -149,9 +149,7 @@ def identify(
     begin, change = objective.with_free(stage_b.best, free), None
     for turn in range(MOST_CORRECTIONS):
         logger.info("finer mesh and steps at the result, for the correction")
-        change = correction(
-            working, finer, begin.prediction, begin.values, with_steps=True, free=free, near=change
-        )
+        change = correction(working, finer, begin.prediction, begin.values, free=free, near=change)
         corrected = with_correction(objective, noise, change, plan.sizes)
         again = " of its result" if turn else ""
         logger.info(f"stage C: all together, with the correction{again}")
@@ -303,7 +301,7 @@ def corrected_with_derivatives(
         return objective, at
     logger.info("finer mesh and steps at the result, with all derivatives")
     change = correction(
-        objective.model, finer, at.prediction, at.values, with_steps=True, free=at.free,
+        objective.model, finer, at.prediction, at.values, free=at.free,
         near=objective.correction,
     )  # fmt: skip
     objective = with_correction(objective, objective.data.image.noise_factor, change, sizes)

@@ -65,7 +65,7 @@ def identify_from_loads(
     for turn in range(MOST_CORRECTIONS):
         logger.info("finer mesh and steps at the result, for the correction")
         here = last
-        change = correction(model, finer, here.best.prediction, here.values, with_steps=True)
+        change = correction(model, finer, here.best.prediction, here.values)
         left = load_left(model.microstructure.mesh, plan.sizes, change.of_mesh[1], data.load)
         error = DiscretisationError(np.zeros((left.size, 0)), np.zeros((0, 0)), left)
         corrected = replace(

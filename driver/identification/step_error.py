@@ -1,4 +1,4 @@
-"""What time steps of first order leave wrong, from a simulation with the halves of those taken.
+"""What time steps of first order leave wrong, from a simulation with parts of those taken.
 
 Backward Euler errs in proportion to the length of its steps: halved steps change a prediction by
 half of its error. The steps are those that were taken, with those that had to be cut: a solver that
@@ -41,7 +41,7 @@ class StepError:
 
 
 def has_first_order(model: ForwardModel, prediction: Prediction) -> bool:
-    """Whether the error of the steps of a prediction is estimated by halves of them.
+    """Whether the error of the steps of a prediction is estimated by parts of them.
 
     Steps that are refined to a stated accuracy have an estimate of their own.
     """
@@ -49,11 +49,10 @@ def has_first_order(model: ForwardModel, prediction: Prediction) -> bool:
     return of_model and prediction.response.ends.size > 0
 
 
-def error_by_halves(prediction: Prediction, halved: Prediction) -> StepError:
-    """Return the error of the steps of a prediction, from one in halves of them."""
-    return StepError(
-        2.0 * (halved.motion - prediction.motion), 2.0 * (halved.load - prediction.load)
-    )
+def error_by_parts(prediction: Prediction, divided: Prediction, parts: int) -> StepError:
+    """Return the error of the steps of a prediction, from one in so many equal parts of each."""
+    change = StepError(divided.motion - prediction.motion, divided.load - prediction.load)
+    return change.times(parts / (parts - 1))
 
 
 def in_parts_of(
@@ -75,7 +74,7 @@ def in_parts_of(
 
 
 def parts_of(working: ForwardModel, finer: ForwardModel) -> int:
-    """Equal parts of each working step in the finer simulation.
+    """Equal parts of each working step by which finer steps are told.
 
     They are the steps an interval of the finer over those of the working model, rounded up.
     """

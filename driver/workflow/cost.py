@@ -10,7 +10,7 @@ from driver.diagnosis.causes.all_causes import every, names
 from driver.experiment.image_sizes import stack_size
 from driver.forward.build import size_of_second_mesh
 from driver.forward.cost import PROCESS_BYTES, simulation_memory, steps_seconds, systems_of
-from driver.identification.correction_cost import cells_of_size, correction_seconds, finer_steps
+from driver.identification.correction_cost import cells_of_size, correction_seconds
 from solver_adapters.finite_differences import RUNS_PER_DIRECTION
 from solver_adapters.interface import Capabilities
 
@@ -117,9 +117,8 @@ def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> C
     memory = simulation_memory(kind, n_cells, n_images, directions + causes, at_once, systems)
     each = simulation_memory(kind, n_cells, n_images, directions, at_once, systems)
     if told:
-        steps = finer_steps(case, solver)
         fitted, all_causes = (
-            simulation_memory(kind, finer, n_images, n, steps, systems)
+            simulation_memory(kind, finer, n_images, n, at_once, systems)
             for n in (directions, max(told))
         )
         # Finer simulations run side by side as well, but for those of all causes.

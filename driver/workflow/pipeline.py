@@ -82,7 +82,7 @@ def stages(case: Case) -> Sequence[Stage]:
         inputs = (*meshed, "history", "sections", "loads", *_IDENTIFY)
         return (
             Stage("mesh", "3", meshed, run_mesh, meshed_files, _NO_PLACE),
-            Stage("identify", "11", inputs, run_identify_loads, identified_files),
+            Stage("identify", "12", inputs, run_identify_loads, identified_files),
             Stage("report", "4", inputs, run_report_loads, reported_files),
         )
     return (
@@ -97,8 +97,8 @@ def stages(case: Case) -> Sequence[Stage]:
             alone=True,
             reads_on=True,
         ),
-        Stage("identify", "15", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
-        Stage("diagnose", "19", ("diagnosis",), run_diagnose, diagnosed_files),
+        Stage("identify", "16", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
+        Stage("diagnose", "20", ("diagnosis",), run_diagnose, diagnosed_files),
         Stage("advise", "1", (), run_advise),
         Stage("report", "11", _REPORT, run_report, reported_files),
     )

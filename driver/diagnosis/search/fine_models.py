@@ -118,8 +118,8 @@ class _Task:
         objective: of the fit, with the correction that it was made with.
         here: the fit.
         finer: the finer model.
-        first: whether it is on the finer mesh of the case, which has to be simulated, with the
-            error of the steps and derivatives.
+        first: whether it is on the finer mesh of the case, which has to be simulated, with
+            derivatives.
     """
 
     def __init__(self, objective: Objective, here: Fit, finer: ForwardModel, first: bool) -> None:
@@ -127,7 +127,7 @@ class _Task:
         self.first = first
         # The images stay where they are.
         self.take = partial(
-            correction, objective.model, finer, best.prediction, here.values, with_steps=first,
+            correction, objective.model, finer, best.prediction, here.values,
             free=best.free if first else (),
             near=Correction(course=objective.correction.course) if first else None,
         )  # fmt: skip

@@ -1,13 +1,12 @@
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from driver.case.model import Case
 from driver.forward.cost import steps_seconds
-from driver.identification.correction_cost import cells_of_size, correction_seconds, finer_steps
+from driver.identification.correction_cost import cells_of_size, correction_seconds
 from solver_adapters.bundled.adapter import BundledAdapter
 from tools.converged_truth import known_case
 
@@ -23,14 +22,10 @@ def seconds(case: Case, size: float = 0.667, runs: tuple[int, ...] = (0,)) -> fl
     return correction_seconds(case, SOLVER, 18, 21, size, runs)
 
 
-def test_steps_of_first_order_alone_are_finer_on_the_finer_mesh() -> None:
-    steps = {"steps_per_interval": 3, "fine_steps_per_interval": 6}
-    assert finer_steps(case_with(**steps), SOLVER) == 3
-    first_order = steps | {"integration": "backward_euler"}
-    assert finer_steps(case_with(**first_order), SOLVER) == 6
-    assert finer_steps(case_with(**first_order, accuracy_uN=1.0), SOLVER) == 3
-    without = replace(SOLVER, integrations=frozenset({"backward_euler"}))
-    assert finer_steps(case_with(**steps), without) == 6
+def test_finer_steps_count_on_the_working_mesh_alone() -> None:
+    more = case_with(steps_per_interval=1, fine_steps_per_interval=4)
+    added = seconds(more) - seconds(case_with(steps_per_interval=1, fine_steps_per_interval=2))
+    assert added == pytest.approx(steps_seconds(more, SOLVER, 18, 42 * 2, 0), rel=1e-3)
 
 
 def test_a_correction_takes_both_meshes_that_are_extrapolated_and_finer_steps_on_the_working() -> (
