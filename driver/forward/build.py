@@ -46,7 +46,7 @@ from solver_adapters.material import MATERIAL_PARAMETERS
 from solver_adapters.parameter import Parameter
 from solver_adapters.registry import find_adapter
 
-_SMALLER = (0.93, 0.9, 0.87, 0.84, 0.8, 0.75)  # elements of another mesh over those of the first
+_SMALLER = (0.93, 0.9, 0.87, 0.84, 0.8, 0.75)  # elements of the second mesh over those of the first
 _TWO_THIRDS = 2 / 3  # elements of a second mesh of the user's own over those of the first
 _THREE_QUARTERS = 0.75  # hexahedra of a second mesh over those of the first, at most
 _NEXT_COARSER = 0.75  # cells along a side of a mesh to extrapolate with, over those of the finer
@@ -131,7 +131,7 @@ def size_of_second_mesh(case: Case) -> float:
     return (_TWO_THIRDS if specimen.of_mesh else _SMALLER[2]) * specimen.fine_mesh_size
 
 
-def another_mesh_of(case: Case, points: FloatArray) -> PrismMesh:
+def second_mesh_of(case: Case, points: FloatArray) -> PrismMesh:
     """Return the second finer mesh of a case.
 
     Hexahedra: the smaller cells of `size_of_second_mesh`. A mesh of the user's own: cells of two

@@ -15,10 +15,10 @@ from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.experiment.reading import Experiment
 from driver.forward.build import (
     adapter_of,
-    another_mesh_of,
     build_finer_model,
     build_model,
     correlation_meshes,
+    second_mesh_of,
 )
 from driver.forward.cost import foreseen_seconds
 from driver.forward.fixed_pattern import apparent_rise
@@ -130,18 +130,18 @@ def seen_by_correlation(
     )
 
 
-def on_another_mesh(case: Case, problem: IdentificationProblem) -> ForwardModel:
-    """Return the finer model on another mesh, which may contradict its own.
+def on_second_mesh(case: Case, problem: IdentificationProblem) -> ForwardModel:
+    """Return the finer model on the second mesh, which may contradict the first.
 
     Raises:
         InputError: the prism cannot be meshed with such elements.
     """
     finer, history = problem.finer, problem.experiment.history
-    mesh = another_mesh_of(case, finer.microstructure.mesh.points)
-    other = build_finer_model(
+    mesh = second_mesh_of(case, finer.microstructure.mesh.points)
+    second = build_finer_model(
         case, mesh, history, problem.images.xy, finer.adapter, finer.workspace
     )
-    return replace(other, pattern=finer.pattern)
+    return replace(second, pattern=finer.pattern)
 
 
 def build_problem(

@@ -31,7 +31,7 @@ from driver.identification.fit import Fit, fit
 from driver.identification.identifiability import far_off_told
 from driver.identification.identify import corrected_with_derivatives
 from driver.identification.objective import Evaluation
-from driver.identification.problem import IdentificationProblem, on_another_mesh
+from driver.identification.problem import IdentificationProblem, on_second_mesh
 from driver.identification.slip_activity import slip_activity
 from driver.identification.travel_ratio import travel_ratio
 from driver.parameters.boundary import LAMBDAS
@@ -113,7 +113,7 @@ def run_diagnose(context: StageContext) -> None:
         own=own,
     )
     smaller = size_of_second_mesh(case) if second_mesh_is_better(case) else None
-    finer = FineModels(problem.finer, lambda: on_another_mesh(case, problem), smaller)
+    finer = FineModels(problem.finer, lambda: on_second_mesh(case, problem), smaller)
     diagnosis = diagnose(baseline, objective, finer, cycles, settings, known)
     parted = case.specimen.boundaries_stay and len(case.grains) > 1
     where = residual_localisation(

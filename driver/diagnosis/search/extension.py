@@ -142,7 +142,7 @@ def _corrected(objective: Objective, here: Fit, finer: FineModels, settings: Set
     change, second = finer.corrections(objective, here, both, executor)
     noise = noise_of_images(here, objective.data, settings)
     if both and second is None:
-        logger.info("  what the other mesh adds is that at the fit before")
+        logger.info("  what the second mesh adds is that at the fit before")
         second = objective.second
     change = change.completed_by(objective.correction)
     return with_correction(objective, noise, change, settings.sizes, second)

@@ -29,24 +29,25 @@ class FineModels:
 
     Attributes:
         one: on the finer mesh of the case.
-        another: makes it on another mesh; None for a simulation without a mesh.
+        make_second: makes it on the second mesh; None for a simulation without a mesh.
         size: of the cells of that mesh, where they are the better ones [µm]; None where both
             meshes are as good as each other.
     """
 
     one: ForwardModel
-    another: Callable[[], ForwardModel] | None = None
+    make_second: Callable[[], ForwardModel] | None = None
     size: float | None = None
 
     def turned(self, causes: Sequence[Cause]) -> FineModels:
         """Return the same with the orientations that the flips among these causes make."""
-        another = None if self.another is None else partial(_turned, self.another, causes)
-        return replace(self, one=turned(self.one, causes), another=another)
+        made = self.make_second
+        second = None if made is None else partial(_turned, made, causes)
+        return replace(self, one=turned(self.one, causes), make_second=second)
 
     def corrections(
         self, objective: Objective, here: Fit, both: bool, executor: Executor
     ) -> tuple[Correction, SecondMesh | None]:
-        """Finer minus working prediction at a fit, and what the other mesh adds.
+        """Finer minus working prediction at a fit, and what the second mesh adds.
 
         Both are taken at the same parameters: what the difference changes by from fit to fit is no
         difference of the meshes. The latter is None where it was not asked for, or cannot be had.
@@ -54,53 +55,54 @@ class FineModels:
         Args:
             objective: of the fit, with the correction that it was made with.
             here: the fit.
-            both: whether the other mesh is asked for.
+            both: whether the second mesh is asked for.
             executor: who simulates.
 
         Raises:
-            SolverError: the finer simulation could not be finished, or was not run on the other
+            SolverError: the finer simulation could not be finished, or was not run on the second
                 mesh.
         """
-        other = attempt(self.another) if both and self.another is not None else None
+        made = self.make_second
+        second = attempt(made) if both and made is not None else None
         tasks = [_Task(objective, here, self.one, True)]
-        if isinstance(other, ForwardModel):
-            tasks.append(_Task(objective, here, other, False))
+        if isinstance(second, ForwardModel):
+            tasks.append(_Task(objective, here, second, False))
         # Jobs for another machine are prepared all at once.
-        first, *others = side_by_side(_taken, tasks, executor.processes, executor.threads)
+        first, *seconds = side_by_side(_taken, tasks, executor.processes, executor.threads)
         change = first.told()
         assert change is not None
-        if other is None:
+        if second is None:
             return change, None
         logger.info(_AGAIN)
-        taken = _Taken(other, []) if isinstance(other, Failure) else others[0]
+        taken = _Taken(second, []) if isinstance(second, Failure) else seconds[0]
         return change, self._beside(change, taken)
 
     def second(self, objective: Objective, here: Fit) -> SecondMesh | None:
-        """Return what the other mesh adds at a fit to the correction that an objective has.
+        """Return what the second mesh adds at a fit to the correction that an objective has.
 
-        That correction follows its parameters by its derivatives. None where the other mesh cannot
-        be had.
+        That correction follows its parameters by its derivatives. None where the second mesh
+        cannot be had.
 
         Args:
             objective: of the fit, with the correction that it was made with.
             here: the fit.
 
         Raises:
-            SolverError: the finer simulation was not run on the other mesh.
+            SolverError: the finer simulation was not run on the second mesh.
         """
-        if self.another is None:
+        if self.make_second is None:
             return None
         logger.info(_AGAIN)
-        other = attempt(self.another)
+        second = attempt(self.make_second)
         taken = (
-            _Taken(other, [])
-            if isinstance(other, Failure)
-            else _taken(_Task(objective, here, other, False))
+            _Taken(second, [])
+            if isinstance(second, Failure)
+            else _taken(_Task(objective, here, second, False))
         )
         return self._beside(objective.correction.at(here.values), taken)
 
     def _beside(self, first: Correction, taken: _Taken) -> SecondMesh | None:
-        """Return what the other mesh says beside the first, by the correction taken on it."""
+        """Return what the second mesh says beside the first, by the correction taken on it."""
         found = taken.told()
         if found is None:
             return None
@@ -108,7 +110,7 @@ class FineModels:
         return SecondMesh(Correction(motion - first.motion, load - first.load), self.size)
 
 
-_AGAIN = "the same on another mesh"
+_AGAIN = "the same on a second mesh"
 
 
 class _Task:
@@ -155,5 +157,5 @@ def _taken(task: _Task) -> _Taken:
         return _Taken(task.take() if task.first else attempt(task.take), lines)
 
 
-def _turned(another: Callable[[], ForwardModel], causes: Sequence[Cause]) -> ForwardModel:
-    return turned(another(), causes)
+def _turned(made: Callable[[], ForwardModel], causes: Sequence[Cause]) -> ForwardModel:
+    return turned(made(), causes)

@@ -62,7 +62,7 @@ def forward_selection(
     stops: BoundaryNoiseSensitivities,
     settings: Settings,
 ) -> Selection:
-    """Add one cause after the other, until none stands out, or not on another mesh.
+    """Add one cause after the other, until none stands out, or not on a second mesh.
 
     Args:
         begin: what screening begins with.
@@ -179,7 +179,7 @@ def _with_the_best(
 def _leaves_something(found: ExaminedRound, here: Extension) -> bool:
     """Whether the last addition leaves what is no noise, and what hardly anything can be added to.
 
-    What another mesh takes away is an error of the meshes, and asks for no other cause. Nor does
+    What a second mesh takes away is an error of the meshes, and asks for no other cause. Nor does
     another one help where as many were added as there may be.
     """
     little = found.winner is None or found.winner.log_evidence < WITHIN

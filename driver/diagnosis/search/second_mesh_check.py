@@ -58,7 +58,7 @@ def held_against_both(
     widened: float,
     executor: Executor,
 ) -> OnBoth | None:
-    """Hold what is significant against another mesh.
+    """Hold what is significant against a second mesh.
 
     A better mesh judges by itself, of what the tests reject without a cause as well.
 
@@ -80,7 +80,7 @@ def held_against_both(
     """
     seen = [s for s in scores if s.p < NAMING_LEVEL and s.directions.size and s.cause != NUMERICS]
     asked = bool(seen) or (finer.size is not None and not accepted)
-    if not asked or objective.second is not None or finer.another is None:
+    if not asked or objective.second is not None or finer.make_second is None:
         return None
     first, second = _corrections(finer, here, objective, executor)
     if second is None:

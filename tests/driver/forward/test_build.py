@@ -15,13 +15,13 @@ from driver.experiment.reading import read_experiment
 from driver.forward import build
 from driver.forward.build import (
     adapter_of,
-    another_mesh_of,
     build_model,
     geometry_of,
     integration_of,
     mesh_of,
     refuse_parameters,
     second_mesh_is_better,
+    second_mesh_of,
     size_of_second_mesh,
     surface_images,
 )
@@ -167,7 +167,7 @@ def test_a_scheme_that_the_solver_lacks_is_refused() -> None:
 
 
 @pytest.mark.parametrize(("length", "width", "size"), [(8.0, 6.0, 1.8), (8.0, 4.0, 1.2)])
-def test_another_mesh_has_few_nodes_in_common_where_a_little_smaller_elements_give_the_same(
+def test_the_second_mesh_has_few_nodes_in_common_where_a_little_smaller_elements_give_the_same(
     length: float, width: float, size: float
 ) -> None:
     case = changed(
@@ -180,14 +180,14 @@ def test_another_mesh_has_few_nodes_in_common_where_a_little_smaller_elements_gi
     def common(other: PrismMesh) -> float:
         return float(np.mean(nodes.query(other.points)[0] < 0.02 * size))
 
-    other = another_mesh_of(case, mesh.points)
+    other = second_mesh_of(case, mesh.points)
     assert common(mesh_of(case, 0.93 * size)) > 0.5 and common(other) <= 0.2
     assert 1.0 < len(other.cells) / len(mesh.cells) < 2.4
 
 
 def test_the_largest_of_the_meshes_with_few_nodes_in_common_is_taken() -> None:
     case = changed(closed_form.small_case(), "specimen", fine_mesh_size_um=1.0)
-    other = another_mesh_of(case, mesh_of(case, 1.0).points)
+    other = second_mesh_of(case, mesh_of(case, 1.0).points)
     np.testing.assert_array_equal(other.points, mesh_of(case, 0.93).points)
 
 
@@ -201,7 +201,7 @@ def test_the_second_mesh_of_hexahedra_has_more_of_them_on_a_side_and_its_size_is
     case = changed(closed_form.small_case(), "specimen", cells="hex20", fine_mesh_size_um=size)
     mesh = mesh_of(case, size)
     assert mesh.cells.shape[1] == 20 and second_mesh_is_better(case)
-    other = another_mesh_of(case, mesh.points)
+    other = second_mesh_of(case, mesh.points)
     assert size_of_second_mesh(case) == pytest.approx(smaller)
     np.testing.assert_array_equal(other.points, mesh_of(case, smaller).points)
     assert lacking_share(mesh, other)

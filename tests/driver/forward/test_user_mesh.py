@@ -16,13 +16,13 @@ from driver.diagnosis.statistics.screening import screened
 from driver.experiment.orientations import orientations_of
 from driver.forward.build import (
     adapter_of,
-    another_mesh_of,
     build_finer_model,
     build_model,
     geometry_of,
     mesh_of,
     refuse_size,
     second_mesh_is_better,
+    second_mesh_of,
 )
 from driver.forward.geometry import boundary_traces, grain_places
 from driver.forward.mesh_extrapolation import lacking_share
@@ -170,7 +170,7 @@ def test_meshes_of_a_file_are_one_family_of_which_finer_ones_are_extrapolated(fo
     working, finer = (
         mesh_of(case, size) for size in (case.specimen.mesh_size, case.specimen.fine_mesh_size)
     )
-    other = another_mesh_of(case, finer.points)
+    other = second_mesh_of(case, finer.points)
     assert not second_mesh_is_better(case)
     assert [len(mesh.cells) // len(working.cells) for mesh in (working, finer, other)] == [1, 8, 27]
     share = lacking_share(working, finer)

@@ -110,14 +110,14 @@ def test_a_finer_simulation_that_was_not_run_is_not_done_without(error: SolverEr
 
 
 @pytest.mark.parametrize("error", [NotRunError("absent"), JobError("bar", Status.KILLED)], ids=str)
-def test_another_mesh_that_was_not_run_is_not_done_without(error: SolverError) -> None:
+def test_a_second_mesh_that_was_not_run_is_not_done_without(error: SolverError) -> None:
     baseline, _ = refitted()
     meshes = FineModels(finer(BENCH), lambda: failing(error).one)
     with pytest.raises(type(error)):
         meshes.corrections(OBJECTIVE, baseline, True, Executor(1, 1))
 
 
-def test_another_mesh_that_cannot_be_simulated_is_done_without_and_the_log_says_so(
+def test_a_second_mesh_that_cannot_be_simulated_is_done_without_and_the_log_says_so(
     lines: list[str],
 ) -> None:
     baseline, _ = refitted()

@@ -75,10 +75,10 @@ def test_both_meshes_are_simulated_side_by_side_with_the_same_numbers_and_words(
     values = {n: 1.02 * v for n, v in at.values.items()}
     for wanted, found in zip(first.at(values).of_mesh, same.at(values).of_mesh, strict=True):
         np.testing.assert_array_equal(found, wanted)
-    assert told[-2] == "the same on another mesh" and lines == 2 * told
+    assert told[-2] == "the same on a second mesh" and lines == 2 * told
 
 
-def test_what_the_other_mesh_adds_is_told_without_the_first_one_again() -> None:
+def test_what_the_second_mesh_adds_is_told_without_the_first_one_again() -> None:
     baseline, free = here(), here().best.free
     away = {n: 1.02 * v if n == "tau0" else v for n, v in baseline.values.items()}
     taken = correction(BENCH.model, ONE, BENCH.model.predict(away, free), away, free=free)
@@ -92,13 +92,13 @@ def test_what_the_other_mesh_adds_is_told_without_the_first_one_again() -> None:
     assert np.abs(half.added.load - wanted.added.load).max() < 0.1 * constant
 
 
-def test_the_other_mesh_is_made_where_it_is_asked_for_alone() -> None:
+def test_the_second_mesh_is_made_where_it_is_asked_for_alone() -> None:
     unwanted = FineModels(ONE, raising(AssertionError("was made")))
     assert unwanted.corrections(OBJECTIVE, here(), False, Executor(1, 1))[1] is None
     assert FineModels(ONE).corrections(OBJECTIVE, here(), True, Executor(1, 1))[1] is None
 
 
-def test_where_the_other_mesh_cannot_be_simulated_one_has_to_do_and_that_is_told(
+def test_where_the_second_mesh_cannot_be_simulated_one_has_to_do_and_that_is_told(
     lines: list[str],
 ) -> None:
     meshes = FineModels(ONE, raising(SolverError("no step is short enough\nin 7 tries")))
@@ -115,9 +115,10 @@ def test_a_job_that_was_only_prepared_is_not_done_without() -> None:
 
 def test_a_flip_of_the_ebsd_frame_turns_the_grains_of_both_meshes() -> None:
     meshes = FineModels(ONE, lambda: ANOTHER).turned((FLIPS[0],))
-    assert meshes.another is not None
+    assert meshes.make_second is not None
     one, other, measured = (
-        model.simulation(BENCH.truth).orientations for model in (meshes.one, meshes.another(), ONE)
+        model.simulation(BENCH.truth).orientations
+        for model in (meshes.one, meshes.make_second(), ONE)
     )
     assert not np.allclose(one, measured) and np.array_equal(one, other)
 

@@ -94,7 +94,7 @@ def test_where_each_of_a_set_leaves_something_the_one_of_most_evidence_stays() -
     assert not last.goodness_of_fit.accepted and WRONG in found.extended.best.free
 
 
-def test_what_another_mesh_takes_away_asks_for_no_other_cause() -> None:
+def test_what_a_second_mesh_takes_away_asks_for_no_other_cause() -> None:
     gone = DiscretisationCheck(2.0, BY_NAME[OTHER], "mesh", between_meshes=True)
     found = diagnosed((WRONG, TRUE), (WRONG, TRUE), gone)
     assert found.rounds[0].named == (WRONG, TRUE) and not found.rounds[0].left_something

@@ -61,7 +61,7 @@ def diagnosed(
     return found, lines
 
 
-def test_what_is_there_on_another_mesh_as_well_is_named() -> None:
+def test_what_is_there_on_the_second_mesh_as_well_is_named() -> None:
     found, _ = diagnosed(DRIFT, FINE)
     assert found.verdict.kind == "named" and found.verdict.names == ("tilt_drift",)
 
@@ -89,7 +89,7 @@ def test_where_both_meshes_agree_neither_is_off(size: float) -> None:
     assert found.off_by_mesh("tilt_drift") == 0.0
 
 
-def test_what_another_mesh_takes_away_is_not_named_and_a_finer_one_is_asked_for() -> None:
+def test_what_a_second_mesh_takes_away_is_not_named_and_a_finer_one_is_asked_for() -> None:
     found, lines = diagnosed(DRIFT, ERRING)
     assert found.verdict.kind == "numerics" and not found.causes
     told = "what looks like tilt drift is gone with the mean of two finer meshes"
@@ -107,7 +107,7 @@ class BrokenMesh(closed_form.ClosedFormSolver):
         raise SolverError("no step is short enough")
 
 
-def test_where_the_other_mesh_cannot_be_simulated_one_has_to_do() -> None:
+def test_where_the_second_mesh_cannot_be_simulated_one_has_to_do() -> None:
     found, lines = diagnosed(DRIFT, replace(BENCH.model, adapter=BrokenMesh()))
     assert found.verdict.kind == "named" and found.off_by_mesh("tilt_drift") is None
     assert any("no step is short enough" in line for line in lines)
@@ -136,16 +136,16 @@ def test_the_jobs_of_both_meshes_are_prepared_at_once() -> None:
     assert error.value.folders == (Elsewhere.folder, ElsewhereToo.folder)
 
 
-def test_without_a_finding_no_other_mesh_is_tried() -> None:
+def test_without_a_finding_no_second_mesh_is_tried() -> None:
     found, lines = diagnosed(0.0, ERRING)
     assert found.verdict.kind == "nothing wrong"
-    assert not any("another mesh" in line for line in lines)
+    assert not any("second mesh" in line for line in lines)
 
 
-def test_what_the_derivatives_show_is_held_against_another_mesh_before_looks_from_afar() -> None:
-    """Looks at a fit that the other mesh changes would be made twice."""
+def test_what_the_derivatives_show_is_held_against_a_second_mesh_before_looks_from_afar() -> None:
+    """Looks at a fit that the second mesh changes would be made twice."""
     wanted = replace(WANTED, wanted=("tilt_drift", "non_schmid"))
-    look, other = "looking from afar", "the same on another mesh"
+    look, other = "looking from afar", "the same on a second mesh"
     for drift, expected in ((DRIFT, [other, look]), (0.0, [look])):
         _, lines = diagnosed(drift, FINE, wanted)
         added = [k for k, line in enumerate(lines) if line.startswith("adding")]
@@ -305,7 +305,7 @@ def test_what_smaller_hexahedra_take_away_is_nothing_and_no_finer_mesh_is_asked_
 ) -> None:
     """Seen as a cause, or by the tests alone where the cause is none of those that are tried."""
     found, lines = by_smaller_cells(DRIFT, AsMuch(0.001), (wanted,))
-    assert "the same on another mesh" in lines and "  with the smaller cells:" in lines
+    assert "the same on a second mesh" in lines and "  with the smaller cells:" in lines
     assert found.verdict.kind == "nothing wrong" and "finer mesh" not in found.verdict.text
     assert found.numerics.passed and found.numerics.needed is None
     assert found.rounds[0].scores[0].p > 0.05
@@ -321,11 +321,11 @@ def test_a_value_is_that_of_the_smaller_hexahedra_alone() -> None:
     assert found.objective.sizes_behind((1.0, 0.5)) == (1.0, 1 / 3)
 
 
-def test_what_the_tests_of_tetrahedra_reject_is_not_held_against_another_mesh() -> None:
+def test_what_the_tests_of_tetrahedra_reject_is_not_held_against_a_second_mesh() -> None:
     """Of meshes as good as each other the mean would hide what no cause describes."""
     wanted = replace(SETTINGS, wanted=("height_scale",))
     found, lines = diagnosed(DRIFT, replace(BENCH.model, adapter=AsMuch(0.001)), wanted)
-    assert found.verdict.kind == "unexplained" and "the same on another mesh" not in lines
+    assert found.verdict.kind == "unexplained" and "the same on a second mesh" not in lines
 
 
 def test_what_smaller_cells_took_away_stays_away_where_they_cannot_be_simulated_again() -> None:
@@ -334,5 +334,5 @@ def test_what_smaller_cells_took_away_stays_away_where_they_cannot_be_simulated_
         DRIFT, AsMuch(0.001), ("tilt_drift", "load_drift"), {"load_drift": 80.0}, fails=True
     )
     assert found.verdict.names == ("load_drift",)
-    assert "  what the other mesh adds is that at the fit before" in lines
+    assert "  what the second mesh adds is that at the fit before" in lines
     assert found.objective.second is not None and found.objective.second.size == 1 / 3
