@@ -106,14 +106,12 @@ def table_fault(table: SystemTable) -> str | None:
         return f"{len(table)} systems"
     seen: list[FloatArray] = []
     for place, indices in enumerate(table, start=1):
-        normal, direction = np.array(indices, dtype=np.float64)
-        lengths = np.linalg.norm(normal), np.linalg.norm(direction)
-        if not min(lengths) > 0.0:
+        if not np.any(indices, axis=1).all():
             return f"system {place} with a plane or a direction of length 0"
-        across = abs(normal @ direction) / (lengths[0] * lengths[1])
-        if across > _ROUNDING:
+        normal, direction = _of_length_1(np.array(indices, dtype=np.float64))
+        if abs(normal @ direction) > _ROUNDING:
             return f"system {place} with a direction that does not lie in its plane"
-        tensor = np.outer(direction, normal) / (lengths[0] * lengths[1])
+        tensor = np.outer(direction, normal)
         for other, known in enumerate(seen, start=1):
             if abs(np.sum(tensor * known)) > 1.0 - _ROUNDING:
                 return f"system {place} that is system {other} again"
@@ -145,8 +143,16 @@ def slip_systems(table: SystemTable) -> tuple[FloatArray, FloatArray]:
     """
     indices = np.array(table, dtype=np.float64)
     unit = np.zeros((system_count(table), 2, 3))
-    unit[: len(table)] = indices / np.linalg.norm(indices, axis=2, keepdims=True)
+    unit[: len(table)] = _of_length_1(indices)
     return unit[:, 1], unit[:, 0]
+
+
+def _of_length_1(vectors: FloatArray) -> FloatArray:
+    """Return vectors (..., 3) over their lengths, whose squares may be no number of normal size."""
+    _, powers = np.frexp(np.abs(vectors).max(axis=-1, keepdims=True))
+    scaled = np.ldexp(vectors, -powers)  # exact
+    unit: FloatArray = scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
+    return unit
 
 
 def schmid_tensors(table: SystemTable) -> FloatArray:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import json
+import os
+import shutil
 import tempfile
 import traceback
 from collections.abc import Callable, Iterator
@@ -24,6 +26,10 @@ from driver.terminal.output import tell, tell_error
 from driver.terminal.stopping import refuse_to_go_on
 from meshes.system_libraries import SystemLibraryError
 from solver_adapters.interface import PreparedError, SolverError
+from solver_adapters.user_folders import cache_folder
+
+_FULL = 4e6
+"""Bytes below which a folder counts as full: a compiled kernel has up to two million."""
 
 Status = Literal["done", "prepared", "failed", "fault"]
 CODES: dict[Status, int] = {
@@ -131,8 +137,22 @@ def _of_the_system(error: OSError) -> str:
         found, expected = why(error), "a folder that can be written and has space"
         return sentence(Path("TMPDIR"), "folder of temporary files", found, expected)
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return f"disk: found {why(error)} of the system, expected free space: run again to go on"
+        full = ", ".join(str(folder) for folder in _full_folders())
+        found = f"{why(error)} of the system" + (f" and none left in {full}" if full else "")
+        return f"disk: found {found}, expected free space: run again to go on"
     return " ".join(str(error).split())
+
+
+def _full_folders() -> Iterator[Path]:
+    """Yield those folders of the cache, of temporary files and of the call that are full."""
+    places = (
+        cache_folder(os.environ.get("NUMBA_CACHE_DIR")),
+        Path(tempfile.gettempdir()),
+        Path.cwd(),
+    )
+    for place in dict.fromkeys(place for place in places if place is not None):
+        if shutil.disk_usage(place).free < _FULL:
+            yield place
 
 
 def _fault(error: Exception, results: Path) -> str:

@@ -2,6 +2,7 @@ import errno
 import json
 import logging
 import re
+import shutil
 import signal
 import sys
 from pathlib import Path
@@ -219,8 +220,8 @@ def test_what_the_system_refuses_is_a_sentence_with_the_file(tmp_path: Path) -> 
     )
 
 
-def test_a_full_disk_that_names_no_file_is_a_sentence(
-    pipeline: SimpleNamespace, case_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_full_disk_that_names_no_file_is_a_sentence_with_the_folder_that_is_full(
+    pipeline: SimpleNamespace, case_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*asked: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -229,6 +230,14 @@ def test_a_full_disk_that_names_no_file_is_a_sentence(
     found = invoke("run", case_path)
     told = "disk: found “No space left on device” of the system, expected free space: run again to"
     assert (found.exit_code, found.stderr) == (1, f"prismid: {told} go on\n")
+
+    def usage(folder: Path) -> SimpleNamespace:
+        return SimpleNamespace(free=1e6 if folder == tmp_path / "cache" else 1e12)
+
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(shutil, "disk_usage", usage)
+    told = f"device” of the system and none left in {tmp_path / 'cache'}, expected free space"
+    assert told in invoke("run", case_path).stderr
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -3,6 +3,7 @@ from __future__ import annotations
 import csv
 from itertools import permutations, product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -84,6 +85,16 @@ def test_the_48_systems_of_bcc_are_all_directions_111_in_all_planes_110_112_123(
         assert (alike.sum(axis=0) == 1).all() and (alike.sum(axis=1) == 1).all()
         start = end
     assert start == len(BCC48) == 48 and BCC48[:24] == BCC
+
+
+@pytest.mark.parametrize("length", [1e300, 1e-300, 5e-324])
+def test_planes_and_directions_have_any_length(length: float) -> None:
+    table: Any = tuple(
+        tuple(tuple(length * index for index in indices) for indices in system) for system in BCC
+    )
+    assert table_fault(table) is None
+    for found, expected in zip(slip_systems(table), slip_systems(BCC), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-14, atol=0.0)
 
 
 def test_arrays_hold_24_systems_or_48() -> None:
