@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import re
 import shlex
 import shutil
 import signal
+import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -23,11 +26,22 @@ from driver.batch.workers import Workers
 from driver.common.errors import InputError, one_of, sentence
 from driver.results.files import batch_folder, batch_workers
 
+logger = logging.getLogger(__name__)
+
 COMMANDS = {"slurm": ("sbatch", "scancel"), "pbs": ("qsub", "qdel"), "lsf": ("bsub", "bkill")}
 """What hands a job to each queue system, and what takes it back."""
+_WAITING = {
+    "slurm": (
+        ["squeue", "--noheader", "--format=%r", "--jobs"],
+        re.compile(r"^(.+)$", re.MULTILINE),
+    ),
+    "pbs": (["qstat", "-f"], re.compile(r"^ *comment = (.+)$", re.MULTILINE)),
+}
+"""What is asked why jobs wait, before their numbers, and where the answer stands."""
 OF_WORKER = 0.5e9
 """Memory of a worker beside that of its case [bytes]."""
 _SILENT = 150.0  # s after which a job that has begun and has brought no worker brings none
+_PATIENT = 30.0  # s between two looks why jobs wait
 _NAME = "prismid"
 _WORDS = " (what they said is in {})"
 _KEYS = ".dask-jobqueue.*"  # files by which workers and scheduler know each other
@@ -110,7 +124,7 @@ def of_queue(queue: Queue, most: int, cores: int, memory: float, file: Path) -> 
             f"on workers of {system}",
             "cluster",
             carry_out_on_worker,
-            _refuse_none(cluster, refused, folder, file),
+            _refuse_none(cluster, refused, folder, file, queue.system or ""),
             _WORDS.format(folder),
         )
 
@@ -187,16 +201,31 @@ def _said(error: Exception) -> str:
     return "; ".join(line.strip() for line in lines if line.strip())
 
 
-def _refuse_none(cluster: Any, refused: list[str], folder: Path, file: Path) -> Callable[[], None]:
+def _refuse_none(
+    cluster: Any, refused: list[str], folder: Path, file: Path, system: str
+) -> Callable[[], None]:
     """Return what raises InputError where no worker is there, nor will be.
+
+    Where all jobs wait it is told why, whenever that changes.
 
     Args:
         cluster: the workers.
         refused: what the queue system has said of those that it did not take.
         folder: where workers write what they say.
         file: of the campaign, to be told.
+        system: name of the queue system.
     """
     came: set[str] = set()
+    asked, told = time.monotonic(), ""
+
+    def tell_why_they_wait(ids: list[str]) -> None:
+        nonlocal asked, told
+        if time.monotonic() - asked < _PATIENT:
+            return
+        why, asked = why_jobs_wait(system, ids), time.monotonic()
+        if why and why != told:
+            told = why
+            logger.info(f"no job of {system} has begun: {why}")
 
     def look() -> None:
         there = {worker.name for worker in list(cluster.scheduler.workers.values())}
@@ -219,12 +248,43 @@ def _refuse_none(cluster: Any, refused: list[str], folder: Path, file: Path) -> 
                     "its files",
                 )
             )
+        if ids and not any(_logs(folder, job) for job in ids):
+            tell_why_they_wait(ids)
 
     return look
 
 
+def why_jobs_wait(system: str, ids: Sequence[str]) -> str:
+    """Return what a queue system says of jobs that wait, "" where it says nothing.
+
+    Args:
+        system: its name.
+        ids: of the jobs.
+    """
+    command, pattern = _WAITING.get(system, ([], re.compile("")))
+    if not command:
+        return ""
+    try:
+        said = subprocess.run(
+            [*command, *ids] if system == "pbs" else [*command, ",".join(ids)],
+            capture_output=True, text=True, timeout=_PATIENT, check=False,
+        ).stdout  # fmt: skip
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    # Long lines of qstat go on in the next one, behind a tab.
+    found = Counter(pattern.findall(said.replace("\n\t", "")))
+    del found["None"]  # Slurm has not looked at it yet
+    return "; ".join(f"{number} × “{words}”" for words, number in found.items())
+
+
+def _logs(folder: Path, job: str) -> list[Path]:
+    """Return the logs of a job; there are none before it has begun."""
+    of_job = re.compile(rf"(?<!\d){job}(?!\d)")
+    keys = set(folder.glob(_KEYS))  # whose names are drawn, digits among them
+    return [path for path in folder.iterdir() if of_job.search(path.name) and path not in keys]
+
+
 def _silent(folder: Path, job: str) -> bool:
     """Whether a job has begun, as its log tells, and has said nothing for long."""
-    of_job = re.compile(rf"(?<!\d){job}(?!\d)")
-    written = [path.stat().st_mtime for path in folder.iterdir() if of_job.search(path.name)]
+    written = [path.stat().st_mtime for path in _logs(folder, job)]
     return bool(written) and time.time() - max(written) > _SILENT

@@ -17,6 +17,8 @@ SOON_SILENT = (
     "from driver.cli import app; app()",
 )
 """A program for which a job is silent before long."""
+SOON_TOLD = (SOON_SILENT[0], SOON_SILENT[1].replace("_SILENT", "_PATIENT"))
+"""A program that tells before long why jobs wait."""
 
 
 def command(

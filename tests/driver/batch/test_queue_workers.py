@@ -12,7 +12,7 @@ import pytest
 
 from driver.batch import queue_workers
 from driver.batch.command import batch
-from driver.batch.queue_workers import cluster_of, of_job, refuse_unusable
+from driver.batch.queue_workers import cluster_of, of_job, refuse_unusable, why_jobs_wait
 from driver.batch.queues import Queue
 from driver.common.errors import InputError
 from tests.driver.batch.cases import write_small_case
@@ -101,3 +101,44 @@ def test_a_campaign_with_a_bad_case_and_no_queue_system_is_told_both_and_nothing
     lines = str(error.value).splitlines()
     assert "specimen.length_um: found -1.0" in lines[0] and "its command sbatch" in lines[1]
     assert not file.with_suffix(".batch").exists()
+
+
+@pytest.mark.parametrize(
+    ("system", "says", "told"),
+    [
+        ("slurm", "Resources\nPriority\nNone\nPriority\n", "1 × “Resources”; 2 × “Priority”"),
+        (
+            "pbs",
+            "Job Id: 7.host\n    job_state = Q\n    comment = Not Running: Insufficient amo\n"
+            "\tunt of resource: mem (R: 900gb A: 24gb)\n    Resource_List.ncpus = 1\n",
+            "1 × “Not Running: Insufficient amount of resource: mem (R: 900gb A: 24gb)”",
+        ),
+        ("slurm", "", ""),
+        ("lsf", "", ""),
+    ],
+)
+def test_why_jobs_wait_is_told_in_the_words_of_the_queue_system(
+    system: str, says: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = {"slurm": "squeue", "pbs": "qstat"}.get(system, "bjobs")
+    script = tmp_path / name
+    script.write_text(f"#!/bin/sh\ncat <<'END'\n{says}END\n", encoding="utf-8")
+    script.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    assert why_jobs_wait(system, ["7", "8"]) == told
+
+
+def test_keys_whose_drawn_names_hold_the_number_of_a_job_are_no_logs_of_it(tmp_path: Path) -> None:
+    """A job that waits would count as one that has begun and says nothing."""
+    (tmp_path / ".dask-jobqueue.tls-a3-").touch()
+    assert queue_workers._logs(tmp_path, "3") == []
+    log = tmp_path / "slurm-3.out"
+    log.touch()
+    assert queue_workers._logs(tmp_path, "3") == [log]
+
+
+def test_a_queue_system_that_does_not_answer_says_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert why_jobs_wait("slurm", ["7"]) == ""

@@ -16,7 +16,7 @@ import pytest
 
 from solver_adapters.kernels import PACKAGES
 from tests.driver.batch.cases import agreed, rows, write_small_case
-from tests.driver.batch.queue_commands import SOON_SILENT, command, left
+from tests.driver.batch.queue_commands import SOON_SILENT, SOON_TOLD, command, left
 from tests.driver.batch.seen_calls import SeenCalls
 from tests.support.slurm import missing, slurm
 
@@ -147,3 +147,18 @@ def test_jobs_that_bring_no_worker_are_told(file: Path, variables: dict[str, str
     said = r"cluster: found jobs \d+, \d+, \d+ that have begun and brought no worker \(what they"
     assert re.match(rf"prismid: {re.escape(str(file))}: {said} said is in .*workers", complaints)
     assert complaints.count("\n") == 1
+
+
+def test_jobs_that_wait_are_told_with_the_reason_of_slurm(
+    file: Path, variables: dict[str, str]
+) -> None:
+    file.write_text(STUDY + 'job_extra_directives = ["--hold"]\n', encoding="utf-8")
+    run = command(file, variables | agreed(file), SOON_TOLD)
+    try:
+        assert run.stdout is not None
+        told = next(line for line in run.stdout if "has begun" in line)
+    finally:
+        os.killpg(run.pid, signal.SIGINT)
+        run.communicate(timeout=300)
+    assert re.search(r"no job of slurm has begun: [123] × “JobHeldUser”$", told.strip())
+    assert left(file, partial(queued, variables)) == []
