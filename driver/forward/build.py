@@ -255,13 +255,7 @@ def integration_of(case: Case, solver: Capabilities) -> Integration:
             f'solver.integration: found "{named}", expected {" or ".join(sorted(offered))} (what '
             f"the solver {case.solver.name} offers), or the key left out"
         )
-    return wanted_integration(case, solver)
-
-
-def wanted_integration(case: Case, solver: Capabilities) -> Integration:
-    """Return the scheme that the case names, the solver's or not, or the best that that has."""
-    best: Integration = "exponential" if "exponential" in solver.integrations else "backward_euler"
-    return case.solver.integration or best
+    return named or ("exponential" if "exponential" in offered else "backward_euler")
 
 
 def surface_images(case: Case, experiment: Experiment) -> SurfaceImages:

@@ -196,8 +196,9 @@ def correction(
 ) -> Correction:
     """Finer minus working prediction, extrapolated where both meshes are of one family.
 
-    The finer mesh takes the steps of the working prediction, those that had to be cut too. What
-    finer steps change is told by the working mesh, as constant: of two small errors the product is
+    The finer mesh takes the steps that are stated for the working one, of first order those that
+    were taken; where it has to cut more of these, the working mesh is simulated in its steps, too.
+    What finer steps change is told by the working mesh, as constant: the product of both errors is
     left out.
 
     Args:
@@ -222,19 +223,23 @@ def correction(
     if near is not None and near.course is not None:
         finer = replace(finer, trajectory=near.course)
     of_steps: list[ForwardModel] = []
-    # Of one part nothing is held; its error is that which halves tell.
-    halves = max(parts, 2)
+    divided = max(parts, 2)  # halves tell an error of which nothing is held, too
     if first_order:
-        of_steps = [in_parts_of(working, coarse, values, halves)]
-    elif not finer.has_steps_of(working):
+        of_steps = [in_parts_of(working, coarse, values, divided)]
+    elif finer.steps_per_interval > working.steps_per_interval:
         of_steps = [working.in_steps_of(finer)]
     finer = finer.in_steps_of(working)
     if first_order:
-        finer = in_parts_of(finer, coarse, values, 1)
+        finer = finer.with_time_steps_of(coarse.response.ends, values)
     runs = [(finer, asked), *((model, ()) for model in of_steps)]
     # One after the other; jobs for another machine are prepared all at once.
     fine, *stepped = side_by_side(lambda run: run[0].predict(values, run[1]), runs, 1)
-    motion, load = fine.motion - coarse.motion, fine.load - coarse.load
+    alike, ends = coarse, fine.response.ends
+    if first_order and ends.size > coarse.response.ends.size:
+        more_cuts = ends.size - coarse.response.ends.size
+        logger.info(f"  {more_cuts} more steps were cut on the finer mesh: the working one in them")
+        alike = working.with_time_steps_of(ends, values).predict(values, asked)
+    motion, load = fine.motion - alike.motion, fine.load - alike.load
     of_motion = f", motion {1e3 * np.sqrt(np.mean(motion**2)):.2f} nm rms" if motion.size else ""
     logger.info(f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms{of_motion}")
     if more:
@@ -248,7 +253,7 @@ def correction(
         declared = tuple(working.parameters[name] for name in asked)
         both = [
             prediction.derivatives_alone().with_derivatives_times(1 + more.motion, 1 + more.load)
-            for prediction in (coarse, fine)
+            for prediction in (alike, fine)
         ]
         derivatives = Derivatives(dict(values), declared, *both)
     motion, load = (1 + more.motion) * motion, (1 + more.load) * load
@@ -257,13 +262,13 @@ def correction(
         for one in stepped:
             found = found.plus(one.motion - coarse.motion, one.load - coarse.load)
         return found
-    left = error_by_parts(coarse, stepped[0], halves).times(1 / parts)
+    left = error_by_parts(coarse, stepped[0], divided).times(1 / parts)
     held = left.times(parts - 1)
     cuts = working.cut_steps(coarse.response)
     cut = f"{cuts} more than stated, as some were cut; " if cuts else ""
-    wrong = np.sqrt(np.mean(left.load**2))
+    corrected, wrong = (np.sqrt(np.mean(error.load**2)) for error in (held, left))
     logger.info(
-        f"  time steps of first order: {cut}{wrong:.2f} µN rms of the load are still wrong, which "
-        "the uncertainties count"
+        f"  time steps of first order: {cut}{corrected:.2f} µN rms of the load are corrected, "
+        f"{wrong:.2f} are still wrong, which the uncertainties count"
     )
     return replace(found.plus(held.motion, held.load), left_by_steps=left)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import ceil
 
 from driver.case.model import Case
 from driver.forward.build import size_between
@@ -37,7 +38,8 @@ def correction_seconds(
         for n in runs
     )
     # What finer steps change is told by the working mesh.
-    steps = intervals * case.solver.fine_steps_per_interval
+    steps = case.solver.steps_per_interval
+    steps *= intervals * max(ceil(case.solver.fine_steps_per_interval / steps), 2)
     return seconds + len(runs) * steps_seconds(case, solver, n_cells, steps, 0)
 
 

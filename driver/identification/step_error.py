@@ -50,7 +50,13 @@ def has_first_order(model: ForwardModel, prediction: Prediction) -> bool:
 
 
 def error_by_parts(prediction: Prediction, divided: Prediction, parts: int) -> StepError:
-    """Return the error of the steps of a prediction, from one in so many equal parts of each."""
+    """Return the error of the steps of a prediction, from one in equal parts of each.
+
+    Args:
+        prediction: the prediction.
+        divided: that in parts.
+        parts: of each step, two or more.
+    """
     change = StepError(divided.motion - prediction.motion, divided.load - prediction.load)
     return change.times(parts / (parts - 1))
 

@@ -9,7 +9,7 @@ import shutil
 import tempfile
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -145,14 +145,16 @@ def _of_the_system(error: OSError) -> str:
 
 def _full_folders() -> Iterator[Path]:
     """Yield those folders of the cache, of temporary files and of the call that are full."""
-    places = (
-        cache_folder(os.environ.get("NUMBA_CACHE_DIR")),
-        Path(tempfile.gettempdir()),
-        Path.cwd(),
+    places: tuple[Callable[[], Path | None], ...] = (
+        lambda: cache_folder(os.environ.get("NUMBA_CACHE_DIR")),
+        lambda: Path(tempfile.gettempdir()),
+        Path.cwd,
     )
-    for place in dict.fromkeys(place for place in places if place is not None):
-        if shutil.disk_usage(place).free < _FULL:
-            yield place
+    for place in places:
+        with suppress(OSError):  # one that is not there, or cannot be asked
+            folder = place()
+            if folder is not None and shutil.disk_usage(folder).free < _FULL:
+                yield folder
 
 
 def _fault(error: Exception, results: Path) -> str:

@@ -220,24 +220,30 @@ def test_what_the_system_refuses_is_a_sentence_with_the_file(tmp_path: Path) -> 
     )
 
 
+@pytest.mark.parametrize(
+    ("free", "where"),
+    [(3e6, " and none left in {}"), (5e6, ""), (None, "")],
+    ids=["full", "not full", "gone"],
+)
 def test_a_full_disk_that_names_no_file_is_a_sentence_with_the_folder_that_is_full(
-    pipeline: SimpleNamespace, case_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    free: float | None, where: str, pipeline: SimpleNamespace, case_path: Path, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
     def full(*asked: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(pipeline, "run", full)
-    found = invoke("run", case_path)
-    told = "disk: found “No space left on device” of the system, expected free space: run again to"
-    assert (found.exit_code, found.stderr) == (1, f"prismid: {told} go on\n")
-
     def usage(folder: Path) -> SimpleNamespace:
-        return SimpleNamespace(free=1e6 if folder == tmp_path / "cache" else 1e12)
+        if folder == tmp_path / "cache" and free is None:
+            raise FileNotFoundError(folder)
+        return SimpleNamespace(free=free if folder == tmp_path / "cache" else 1e12)
 
+    monkeypatch.setattr(pipeline, "run", full)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(shutil, "disk_usage", usage)
-    told = f"device” of the system and none left in {tmp_path / 'cache'}, expected free space"
-    assert told in invoke("run", case_path).stderr
+    found = invoke("run", case_path)
+    told = "disk: found “No space left on device” of the system" + where.format(tmp_path / "cache")
+    expected = f"prismid: {told}, expected free space: run again to go on\n"
+    assert (found.exit_code, found.stderr) == (1, expected)
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -42,7 +42,7 @@ def not_found(scored: Score, last: Round, parameters: Mapping[str, Parameter]) -
 def _why_not(scored: Score, last: Round) -> str:
     refit = next((r for r in last.refits if r.cause == scored.cause), None)
     if last.lost is not None and not last.lost.passed:
-        return "the other finer mesh takes it away"
+        return "the second mesh takes it away"
     if scored.cause == NOISE_NOT_UNIFORM:
         return "it is too small for other weights of the pixels to change an answer"
     if refit is not None and refit.log_evidence <= WORTH:

@@ -14,7 +14,7 @@ from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.statistics.correction_change import whitened_difference
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score
 from driver.forward.model import ForwardModel
-from driver.identification.correction import Correction, correction
+from driver.identification.correction import Correction
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from meshes.arrays import FloatArray
@@ -163,12 +163,12 @@ def _refinement(
     objective: Objective, here: Fit, fresh: Correction, finer: ForwardModel, along: _Direction
 ) -> Refinement:
     """Whether mesh or steps make the difference between the working and the finer simulation."""
-    model = objective.model
-    between = replace(model, adapter=finer.adapter).in_steps_of(finer)
+    between = replace(objective.model, adapter=finer.adapter).in_steps_of(finer)
     with quiet():
-        halved = correction(model, between, here.best.prediction, here.values)
-    of_steps = along.effect(whitened_difference(objective, halved, Correction()))
-    of_mesh = along.effect(whitened_difference(objective, fresh, halved))
+        stepped, working = between.predict(here.values), here.best.prediction
+    steps = Correction(stepped.motion - working.motion, stepped.load - working.load)
+    of_steps = along.effect(whitened_difference(objective, steps, Correction()))
+    of_mesh = along.effect(whitened_difference(objective, fresh, steps))
     if of_steps < _MATTERS * of_mesh:
         return "mesh"
     if of_mesh < _MATTERS * of_steps:

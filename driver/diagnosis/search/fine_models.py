@@ -7,8 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
-
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
 from driver.common.progress import collected_lines
@@ -106,8 +104,9 @@ class FineModels:
         found = taken.told()
         if found is None:
             return None
-        motion, load = np.asarray(found.motion), np.asarray(found.load)
-        return SecondMesh(Correction(motion - first.motion, load - first.load), self.size)
+        # Steps of first order change both alike.
+        (motion, load), (first_motion, first_load) = found.of_mesh, first.of_mesh
+        return SecondMesh(Correction(motion - first_motion, load - first_load), self.size)
 
 
 _AGAIN = "the same on a second mesh"

@@ -156,9 +156,9 @@ def test_jobs_that_wait_are_told_with_the_reason_of_slurm(
     run = command(file, variables | agreed(file), SOON_TOLD)
     try:
         assert run.stdout is not None
-        told = next(line for line in run.stdout if "has begun" in line)
+        told = next(line for line in run.stdout if "jobs of slurm wait" in line)
     finally:
         os.killpg(run.pid, signal.SIGINT)
         run.communicate(timeout=300)
-    assert re.search(r"no job of slurm has begun: [123] × “JobHeldUser”$", told.strip())
+    assert re.search(r"all jobs of slurm wait: [123] × “JobHeldUser”$", told.strip())
     assert left(file, partial(queued, variables)) == []

@@ -28,6 +28,13 @@ def test_finer_steps_count_on_the_working_mesh_alone() -> None:
     assert added == pytest.approx(steps_seconds(more, SOLVER, 18, 42 * 2, 0), rel=1e-3)
 
 
+def test_steps_are_told_by_two_parts_of_each_at_least() -> None:
+    many = case_with(steps_per_interval=20, fine_steps_per_interval=2)
+    of_mesh = steps_seconds(many, SOLVER, 18 * 8, 42 * 20, 0)
+    of_steps = steps_seconds(many, SOLVER, 18, 42 * 40, 0)
+    assert seconds(many, 1.0) == pytest.approx(of_mesh + of_steps, rel=1e-3)
+
+
 def test_a_correction_takes_both_meshes_that_are_extrapolated_and_finer_steps_on_the_working() -> (
     None
 ):

@@ -61,7 +61,7 @@ def test_of_a_cause_that_is_seen_and_was_not_added_it_is_said_why() -> None:
     begin = "seen here (p 0.001) and not added: "
     apart, near = (SimpleNamespace(along=other.cause, passed=passed) for passed in (False, True))
     for round_, why in (
-        (round_of(apart), "the other finer mesh takes it away"),
+        (round_of(apart), "the second mesh takes it away"),
         # The mean of near meshes has judged, and shows it.
         (round_of(near), "no more causes were added"),
         (round_of(None, weak), "its refit has a log evidence of +0.4, and 1 is wanted"),
