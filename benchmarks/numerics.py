@@ -84,7 +84,7 @@ CORRECTED = (
 """Working meshes whose corrected prediction is judged, each with two meshes for its correction."""
 SMALLEST = (
     (Discretisation("hex20", 0.4, True), Discretisation("hex20", 0.333, True)),
-    (Discretisation("tet10", 0.35, True), Discretisation("tet10", 0.27, True)),
+    (Discretisation("tet10", 0.27, True), Discretisation("tet10", 0.2, True)),
 )
 """The reference of the demo: each kind of cells is extrapolated from two sizes."""
 
