@@ -2,7 +2,7 @@
 
     python -m benchmarks.numerics           every mesh of `MESHES`, and corrections by two of them
     python -m benchmarks.numerics --quick   the working prediction of the demo alone
-    python -m benchmarks.numerics --make alpha   its reference anew, 85 CPU-min and 5.5 GB
+    python -m benchmarks.numerics --make alpha   its reference anew, 87 CPU-min and 5.4 GB
     python -m benchmarks.numerics --make short   that of the blind trial's specimen, a quarter
 
 The data, history and truth of the demo and of the blind trial's specimen. The difference of a
