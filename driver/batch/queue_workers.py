@@ -8,11 +8,9 @@ import re
 import shlex
 import shutil
 import signal
-import subprocess
 import sys
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -22,6 +20,7 @@ import psutil
 
 from driver.batch.calls import carry_out_on_worker
 from driver.batch.queues import Queue
+from driver.batch.waiting_jobs import why_jobs_wait, without_numbers
 from driver.batch.workers import Workers
 from driver.common.errors import InputError, one_of, sentence
 from driver.results.files import batch_folder, batch_workers
@@ -30,17 +29,10 @@ logger = logging.getLogger(__name__)
 
 COMMANDS = {"slurm": ("sbatch", "scancel"), "pbs": ("qsub", "qdel"), "lsf": ("bsub", "bkill")}
 """What hands a job to each queue system, and what takes it back."""
-_ABOUT_JOBS = {
-    "slurm": ("squeue --noheader --format=%T|%r --jobs={}", ","),
-    "pbs": ("qstat -f {}", " "),
-}
-"""What is asked about jobs, with their numbers, and what stands between these."""
-_IN_PBS = re.compile(r"^ *(job_state|comment) = (.+)$", re.MULTILINE)
 OF_WORKER = 0.5e9
 """Memory of a worker beside that of its case [bytes]."""
 _SILENT = 150.0  # s after which a job that has begun and has brought no worker brings none
-_MOST_REASONS = 3
-_PATIENT, _ANSWERED = 30.0, 10.0  # s between two looks why jobs wait, and for an answer
+_PATIENT = 30.0  # s between two looks why jobs wait
 _NAME = "prismid"
 _WORDS = " (what they said is in {})"
 _KEYS = ".dask-jobqueue.*"  # files by which workers and scheduler know each other
@@ -222,7 +214,7 @@ def _refuse_none(
         if time.monotonic() - asked < _PATIENT:
             return
         why, asked = why_jobs_wait(system, ids), time.monotonic()
-        if _without_numbers(why) not in ("", _without_numbers(told)):
+        if without_numbers(why) not in ("", without_numbers(told)):
             told = why
             logger.info(f"all jobs of {system} wait: {why}")
 
@@ -251,51 +243,6 @@ def _refuse_none(
             tell_why_they_wait(ids)
 
     return look
-
-
-def _without_numbers(words: str) -> str:
-    """Return words without numbers, such as of what is free just now."""
-    return re.sub(r"\d+", "", words)
-
-
-def why_jobs_wait(system: str, ids: Sequence[str]) -> str:
-    """Return what a queue system says of jobs that wait, "" where it does not say so of all.
-
-    Args:
-        system: its name.
-        ids: of the jobs.
-    """
-    if system not in _ABOUT_JOBS:
-        return ""
-    asked, between = _ABOUT_JOBS[system]
-    try:
-        answer = subprocess.run(
-            asked.format(between.join(ids)).split(),
-            capture_output=True, text=True, errors="replace", timeout=_ANSWERED, check=False,
-        )  # fmt: skip
-    except (OSError, subprocess.TimeoutExpired):
-        return ""
-    reasons = (_reasons_of_slurm if system == "slurm" else _reasons_of_pbs)(answer.stdout)
-    if answer.returncode or len(reasons) < len(ids):
-        return ""
-    found = sorted(Counter(reasons).items(), key=lambda one: (-one[1], one[0]))
-    told = [f"{number} × “{why}”" for why, number in found[:_MOST_REASONS]]
-    return "; ".join(told + ["…"] * (len(found) > len(told)))
-
-
-def _reasons_of_slurm(said: str) -> list[str]:
-    """Return why each job waits, but those that Slurm has not looked at yet."""
-    states = [line.partition("|") for line in said.splitlines()]
-    waiting = [why.strip() for state, _, why in states if state == "PENDING"]
-    return [why for why in waiting if why not in ("", "None", "(null)")]
-
-
-def _reasons_of_pbs(said: str) -> list[str]:
-    """Return why each job waits, of those that PBS has looked at; long lines go on behind a tab."""
-    jobs = [dict(_IN_PBS.findall(job)) for job in said.replace("\n\t", "").split("Job Id: ")]
-    return [
-        job["comment"] for job in jobs if job.get("job_state") in ("Q", "H") and "comment" in job
-    ]
 
 
 def _logs(folder: Path, job: str) -> list[Path]:

@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import psutil
+import pytest
 
 SOON_SILENT = (
     "-c",
@@ -46,3 +47,12 @@ def left(file: Path, queued: Callable[[], list[str]]) -> list[str]:
             with suppress(psutil.Error):
                 found += [word for word in process.cmdline() if str(file.parent) in word]
     return found
+
+
+def asked_of(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, asked: str) -> Path:
+    """Put a command there that answers with a file, to these arguments alone."""
+    script, answer = folder / name, folder / f"{name}.says"
+    script.write_text(f'#!/bin/sh\n[ "$*" = "{asked}" ] && cat "{answer}"\n', encoding="utf-8")
+    script.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{folder}:/usr/bin:/bin")
+    return answer
