@@ -162,11 +162,6 @@ class ForwardModel:
 
         return self._with_coarser(stepped)
 
-    def has_steps_of(self, other: ForwardModel) -> bool:
-        """Whether the same time steps are asked for."""
-        mine = self.steps_per_interval, self.accuracy
-        return mine == (other.steps_per_interval, other.accuracy)
-
     def with_orientations(self, orientations: FloatArray) -> ForwardModel:
         """Return the model with other measured orientations, shape (n_grains, 3, 3)."""
 

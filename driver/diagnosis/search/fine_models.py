@@ -38,8 +38,8 @@ class FineModels:
 
     def turned(self, causes: Sequence[Cause]) -> FineModels:
         """Return the same with the orientations that the flips among these causes make."""
-        made = self.make_second
-        second = None if made is None else partial(_turned, made, causes)
+        make = self.make_second
+        second = None if make is None else partial(_turned, make, causes)
         return replace(self, one=turned(self.one, causes), make_second=second)
 
     def corrections(
@@ -60,8 +60,8 @@ class FineModels:
             SolverError: the finer simulation could not be finished, or was not run on the second
                 mesh.
         """
-        made = self.make_second
-        second = attempt(made) if both and made is not None else None
+        make = self.make_second
+        second = attempt(make) if both and make is not None else None
         tasks = [_Task(objective, here, self.one, True)]
         if isinstance(second, ForwardModel):
             tasks.append(_Task(objective, here, second, False))
@@ -156,5 +156,5 @@ def _taken(task: _Task) -> _Taken:
         return _Taken(task.take() if task.first else attempt(task.take), lines)
 
 
-def _turned(made: Callable[[], ForwardModel], causes: Sequence[Cause]) -> ForwardModel:
-    return turned(made(), causes)
+def _turned(make: Callable[[], ForwardModel], causes: Sequence[Cause]) -> ForwardModel:
+    return turned(make(), causes)

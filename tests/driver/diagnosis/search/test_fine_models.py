@@ -14,6 +14,7 @@ from driver.diagnosis.search.refit import Executor
 from driver.forward.model import ForwardModel
 from driver.identification.correction import correction
 from driver.identification.fit import Fit
+from driver.identification.step_error import StepError
 from meshes.arrays import FloatArray
 from solver_adapters.interface import PreparedError, Simulation, SolverError
 from tools import closed_form
@@ -21,7 +22,7 @@ from tools.closed_form_diagnosis import finer, identified
 
 BENCH = closed_form.problem()
 OBJECTIVE = closed_form.objective(BENCH, BENCH.truth)
-ONE, ANOTHER = finer(BENCH, 0.001), finer(BENCH, 0.003)
+ONE, SECOND = finer(BENCH, 0.001), finer(BENCH, 0.003)
 
 
 @cache
@@ -37,17 +38,17 @@ class Never(closed_form.ClosedFormSolver):
 
 
 def raising(error: Exception) -> Callable[[], ForwardModel]:
-    def another() -> ForwardModel:
+    def make() -> ForwardModel:
         raise error
 
-    return another
+    return make
 
 
 def test_two_meshes_give_the_difference_of_the_first_and_half_of_what_the_other_adds() -> None:
-    first, second = FineModels(ONE, lambda: ANOTHER).corrections(
+    first, second = FineModels(ONE, lambda: SECOND).corrections(
         OBJECTIVE, here(), True, Executor(1, 1)
     )
-    working, one, other = (m.predict(here().values) for m in (BENCH.model, ONE, ANOTHER))
+    working, one, other = (m.predict(here().values) for m in (BENCH.model, ONE, SECOND))
     assert second is not None and not second.is_better
     half = second.added
     assert first.motion == pytest.approx(one.motion - working.motion, abs=1e-12)
@@ -63,7 +64,7 @@ def test_two_meshes_give_the_difference_of_the_first_and_half_of_what_the_other_
 def test_both_meshes_are_simulated_side_by_side_with_the_same_numbers_and_words(
     lines: list[str],
 ) -> None:
-    meshes, at = FineModels(ONE, lambda: ANOTHER), here()
+    meshes, at = FineModels(ONE, lambda: SECOND), here()
     lines.clear()
     first, half = meshes.corrections(OBJECTIVE, at, True, Executor(1, 1))
     told = lines.copy()
@@ -82,14 +83,29 @@ def test_what_the_second_mesh_adds_is_told_without_the_first_one_again() -> None
     baseline, free = here(), here().best.free
     away = {n: 1.02 * v if n == "tau0" else v for n, v in baseline.values.items()}
     taken = correction(BENCH.model, ONE, BENCH.model.predict(away, free), away, free=free)
-    meshes = FineModels(replace(ONE, adapter=Never()), lambda: ANOTHER)
+    meshes = FineModels(replace(ONE, adapter=Never()), lambda: SECOND)
     half = meshes.second(replace(OBJECTIVE, correction=taken), baseline)
-    _, wanted = FineModels(ONE, lambda: ANOTHER).corrections(
+    _, wanted = FineModels(ONE, lambda: SECOND).corrections(
         OBJECTIVE, baseline, True, Executor(1, 1)
     )
     assert half is not None and wanted is not None
     constant = 0.5 * np.abs(taken.load - taken.at(baseline.values).load).max()
     assert np.abs(half.added.load - wanted.added.load).max() < 0.1 * constant
+
+
+def test_what_steps_of_first_order_change_is_no_difference_of_the_meshes() -> None:
+    """They change the correction by either mesh alike, but from fit to fit."""
+    baseline, meshes = here(), FineModels(ONE, lambda: SECOND)
+    values = baseline.values
+    taken = correction(BENCH.model, ONE, baseline.best.prediction, values)
+    left = StepError(0.1 * np.asarray(taken.motion), np.full(np.shape(taken.load), 3.0))
+    stepped = replace(taken.plus(left.motion, left.load), left_by_steps=left, parts=2)
+    plain, found = (
+        meshes.second(replace(OBJECTIVE, correction=one), baseline) for one in (taken, stepped)
+    )
+    assert plain is not None and found is not None
+    np.testing.assert_allclose(found.added.load, plain.added.load, atol=1e-9)
+    np.testing.assert_allclose(found.added.motion, plain.added.motion, atol=1e-12)
 
 
 def test_the_second_mesh_is_made_where_it_is_asked_for_alone() -> None:
@@ -114,7 +130,7 @@ def test_a_job_that_was_only_prepared_is_not_done_without() -> None:
 
 
 def test_a_flip_of_the_ebsd_frame_turns_the_grains_of_both_meshes() -> None:
-    meshes = FineModels(ONE, lambda: ANOTHER).turned((FLIPS[0],))
+    meshes = FineModels(ONE, lambda: SECOND).turned((FLIPS[0],))
     assert meshes.make_second is not None
     one, other, measured = (
         model.simulation(BENCH.truth).orientations
@@ -124,8 +140,8 @@ def test_a_flip_of_the_ebsd_frame_turns_the_grains_of_both_meshes() -> None:
 
 
 def test_a_second_mesh_of_better_cells_is_told_as_that_and_stays_it_for_turned_grains() -> None:
-    meshes = FineModels(ONE, lambda: ANOTHER, 0.667)
-    _, alike = FineModels(ONE, lambda: ANOTHER).corrections(OBJECTIVE, here(), True, Executor(1, 1))
+    meshes = FineModels(ONE, lambda: SECOND, 0.667)
+    _, alike = FineModels(ONE, lambda: SECOND).corrections(OBJECTIVE, here(), True, Executor(1, 1))
     _, better = meshes.corrections(OBJECTIVE, here(), True, Executor(1, 1))
     assert alike is not None and better is not None
     assert alike.size is None and better.size == 0.667 == meshes.turned((FLIPS[0],)).size
