@@ -18,9 +18,9 @@ def gained(left: float, slip: float, d: float, exponential: bool) -> float:
     """Back strain that the slip of a step adds."""
     if exponential:
         u = d * slip
-        # (1 − e^(−u))/u without cancellation
+        # (1 − e^(−u))/d without cancellation
         small = 1.0 - u * (0.5 - u * (1.0 / 6.0 - u * (1.0 / 24.0 - u / 120.0)))
-        return slip * (small if u < 1e-3 else (1.0 - left) / max(u, 1e-3))
+        return slip * small if u < 1e-3 else (1.0 - left) / max(d, 1e-300)
     return slip * left
 
 

@@ -274,7 +274,7 @@ def update(
         if error <= tolerance or count >= most or not is_sound(w, error):
             break
         condensed_change(w, p)
-        advance_slips(w, p, exponential, coupled)
+        advance_slips(w, p, dt, exponential, coupled)
         count += 1
     # An element that is turned inside out has no meaning, though its equations may have a solution.
     valid = error <= tolerance and is_sound(w, error) and determinant_of(w, FT) > 0.0

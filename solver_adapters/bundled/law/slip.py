@@ -37,6 +37,7 @@ from .workspace_layout import (
     ASYMMETRY,
     COUPLED,
     D_TAU,
+    EXCESS,
     FALL,
     FALL_SLOPE,
     FALLEN,
@@ -58,7 +59,6 @@ from .workspace_layout import (
     TAU,
     TAU0,
     VISCOUS,
-    VISCOUS_SLOPE,
     WEIGHT,
     WEIGHTED,
     WEIGHTS,
@@ -132,8 +132,17 @@ def load_point(
             w[SLIP0 + s] = dt * fast_exp(n * fast_log(over / p[P_K]))
         _fall(w, n, solved)
         _relax(w, n, solved)
+    _overstress(w, p, dt)
     for s in range(NS):
         w[SIGNED + s] = w[SIGN + s] * w[SLIP + s]
+
+
+@kernel
+def _overstress(w: FloatArray, p: FloatArray, dt: float) -> None:
+    """Overstress K (Δp/Δt)^(1/n) of the systems that slip."""
+    K, n_inverse = p[P_K], 1.0 / p[P_N]
+    for s in range(NS):
+        w[VISCOUS + s] = K * fast_exp(n_inverse * fast_log(max(w[SLIP + s], 1e-30) / dt))
 
 
 @kernel
@@ -202,13 +211,7 @@ def evaluate_systems(
     Returns how far from solved the equations are: the sum of what each system would have to slip
     more if it were alone, and one for each system that has become active.
     """
-    K = p[P_K]
-    c = p[P_C]
-    d = p[P_D]
-    n_inverse = 1.0 / p[P_N]
-    n = p[P_N]
-    threshold = K * fast_exp(n_inverse * fast_log(10.0 * SLIP_AT_REST / dt))
-    largest = fast_exp(n_inverse * fast_log(SLIP_START / dt))
+    c, d, n = p[P_C], p[P_D], p[P_N]
     hard = hardens(p)
     if hard or w[HAS_SECOND] != 0.0 or p[P_A1] != 0.0:
         _start_terms(w)
@@ -218,56 +221,65 @@ def evaluate_systems(
             second_back_stress(w, p, exponential)
         if p[P_A1] != 0.0:
             non_schmid(w, p)
-    started = 0.0
+    pushed = 0.0
     for s in range(NS):
-        g = w[SLIP + s]
-        moving = g > SLIP_AT_REST
+        moving = w[SLIP + s] > SLIP_AT_REST
         drive = w[TAU + s] - c * w[X0 + s] - w[SHIFT + s]
         sign = w[SIGN + s] if moving else (1.0 if drive > 0.0 else -1.0)
         excess = abs(drive) - (w[TAU0 + s] + sign * w[ASYMMETRY + s] + w[RISE + s])
-        active = moving or excess > threshold
-        # (Δp/Δt)^(1/n) of a moving system; of a starting one the rate follows from its excess.
-        start = min(max(excess / K, 1e-3), largest)
-        base = g / dt if moving else start
-        power = fast_exp((n_inverse if moving else n) * fast_log(base))
-        v = power if moving else start
-        slip = max(g if moving else dt * power, 1e-30)
         w[SIGN + s] = sign
-        # WEIGHT marks the active systems until it is known.
-        w[WEIGHT + s] = 1.0 if active else 0.0
-        w[SLIP + s] = slip if active else 0.0
-        w[VISCOUS + s] = K * v
-        w[VISCOUS_SLOPE + s] = K * n_inverse * v / slip
-        started += 1.0 if active and not moving else 0.0
-    if exponential:
-        for s in range(NS):
-            falls = w[FALL + s] > 0.0
-            slope = w[FALLEN + s] / (w[FALL_SLOPE + s] * max(w[SLIP + s], 1e-30))
-            w[VISCOUS + s] = w[FALLEN + s] if falls else w[VISCOUS + s]
-            w[VISCOUS_SLOPE + s] = slope if falls else w[VISCOUS_SLOPE + s]
+        w[EXCESS + s] = 0.0 if moving else excess
+        pushed += 1.0 if w[EXCESS + s] > 0.0 else 0.0
+    started = _start(w, p, dt) if pushed > 0.0 else 0.0
     error = started
     for s in range(NS):
         sign = w[SIGN + s]
-        active = w[WEIGHT + s] > 0.0
+        active = w[SLIP + s] > SLIP_AT_REST
         x0 = sign * w[X0 + s]
         slip = max(w[SLIP + s], 1e-30)
         left = share_left(d * slip, exponential)
         xhat = x0 * left + gained(left, slip, d, exponential)
         slope = c * growth(left, x0, d, exponential) + w[SLOPE + s]
-        stiffness = w[VISCOUS_SLOPE + s] + slope
-        weight = 1.0 / stiffness if active else 0.0
+        falls = w[FALL + s] > 0.0
+        viscous = w[FALLEN + s] if falls else w[VISCOUS + s]
+        # ∂v/∂Δp is v/power. One division gives the inverse of the stiffness, and of that and C44.
+        power = (w[FALL_SLOPE + s] if falls else n) * slip
+        stiffness = viscous + slope * power
+        alone = stiffness + p[P_C44] * power
+        inverse = power / (stiffness * alone)
+        weight = alone * inverse if active else 0.0
         resistance = w[TAU0 + s] + sign * w[ASYMMETRY + s] + w[RISE + s]
-        residual = sign * (w[TAU + s] - w[SHIFT + s]) - c * xhat - resistance - w[VISCOUS + s]
+        residual = sign * (w[TAU + s] - w[SHIFT + s]) - c * xhat - resistance - viscous
+        w[VISCOUS + s] = viscous
         w[WEIGHT + s] = weight
         w[RESIDUAL + s] = residual if active else 0.0
         w[XHAT + s] = xhat if active else x0
         w[STEP + s] = weight * w[RESIDUAL + s]
         w[LOAD + s] = sign * w[STEP + s]
-        error += abs(w[RESIDUAL + s]) / (stiffness + p[P_C44])
+        error += abs(w[RESIDUAL + s]) * stiffness * inverse
     if coupled:
         _couple(w)
         weigh_residual(w, RESIDUAL, coupled)
     return error
+
+
+@kernel
+def _start(w: FloatArray, p: FloatArray, dt: float) -> float:
+    """Let the systems at rest slip whose EXCESS over their resistance is enough; their number."""
+    K, n = p[P_K], p[P_N]
+    n_inverse = 1.0 / n
+    threshold = K * fast_exp(n_inverse * fast_log(10.0 * SLIP_AT_REST / dt))
+    largest = fast_exp(n_inverse * fast_log(SLIP_START / dt))
+    started = 0.0
+    for s in range(NS):
+        excess = w[EXCESS + s]
+        starts = excess > threshold
+        rate = fast_exp(n * fast_log(min(max(excess / K, 1e-3), largest)))
+        w[SLIP + s] = max(dt * rate, 1e-30) if starts else w[SLIP + s]
+        started += 1.0 if starts else 0.0
+    if started > 0.0:
+        _overstress(w, p, dt)
+    return started
 
 
 @kernel
@@ -317,14 +329,17 @@ def weigh_mode(w: FloatArray, mode: int, coupled: bool) -> None:
 
 
 @kernel
-def advance_slips(w: FloatArray, p: FloatArray, exponential: bool, coupled: bool) -> None:
-    """Newton update of the slips from STEP and D_TAU.
+def advance_slips(
+    w: FloatArray, p: FloatArray, dt: float, exponential: bool, coupled: bool
+) -> None:
+    """Newton update of slips and overstresses from STEP and D_TAU.
 
     A decrease is taken in the variable Δp^(1/n), an increase in Δp: the residual is convex in
     the one and concave in the other, so neither direction overshoots. Where a system relaxes, the
     overstress v = v⁰ e^(−r) takes the step.
     """
     n = p[P_N]
+    n_inverse = 1.0 / n
     if coupled:
         for s in range(NS):
             w[AHEAD + s] = w[RESIDUAL + s] + w[SIGN + s] * w[D_TAU + s]
@@ -332,19 +347,28 @@ def advance_slips(w: FloatArray, p: FloatArray, exponential: bool, coupled: bool
     else:
         for s in range(NS):
             w[STEP + s] += w[WEIGHT + s] * w[SIGN + s] * w[D_TAU + s]
+    unknown = 0.0
     for s in range(NS):
         g = max(w[SLIP + s], 1e-30)
         step = w[STEP + s]
         r = w[FALL + s]
         falls = exponential and r > 0.0
         lowers = step < 0.0
-        power = w[FALL_SLOPE + s] if falls else n
-        change = fast_log(max(1.0 + step / (g * power), 0.1))
-        new = g * fast_exp(n * change) if lowers else w[SLIP + s] + step
+        power = w[FALL_SLOPE + s] if falls else (n if lowers else 1.0)
+        share = max(1.0 + step / (g * power), 0.1)
+        change = fast_log(share)
+        # Of Δp and of Δp^(1/n) the one that takes the step changes by `share`.
+        follows = fast_exp((n if lowers else n_inverse) * change)
+        new = g * follows if lowers else w[SLIP + s] + step
+        w[VISCOUS + s] *= share if lowers else follows
         end = r - change
-        new = max(new, w[SLIP0 + s]) if falls and end <= 0.0 else new
+        leaves = falls and end <= 0.0
+        new = max(new, w[SLIP0 + s]) if leaves else new
         w[FALL + s] = max(end, 0.0) if falls and new > SLIP_AT_REST else 0.0
         w[SLIP + s] = new if new > SLIP_AT_REST else 0.0
+        unknown += 1.0 if leaves else 0.0
+    if unknown > 0.0:
+        _overstress(w, p, dt)
     if exponential:
         _fall(w, n, False)
         _relax(w, n, False)

@@ -52,7 +52,6 @@ from .workspace_layout import (
     SLIP,
     UNHARDENED,
     VISCOUS,
-    VISCOUS_SLOPE,
     WEIGHT,
     WEIGHTS,
     X0,
@@ -258,7 +257,8 @@ def slip_gains(w: FloatArray, p: FloatArray, exponential: bool, gains: FloatArra
         moves = 1.0 if w[WEIGHT + s] != 0.0 else 0.0
         sign = moves * w[SIGN + s]
         gains[0, s] = sign * w[GROWTH + s]
-        gains[1, s] = sign * w[VISCOUS_SLOPE + s]
+        power = w[FALL_SLOPE + s] if w[FALL + s] > 0.0 else p[P_N]
+        gains[1, s] = sign * w[VISCOUS + s] / (power * max(w[SLIP + s], 1e-30))
         gains[2, s] = moves
         start = w[SIGN + s] * w[X20 + s]
         slope = growth(w[LEFT2 + s], start, p[P_D2], exponential) if second else 0.0

@@ -12,7 +12,7 @@ matrix. Both make the condensed system unsymmetric.
 
 from meshes.arrays import FloatArray
 from solver_adapters.bundled.law.law import P_A1, P_C11, P_C12, P_C44
-from solver_adapters.bundled.law.small_lu import factor, solve
+from solver_adapters.bundled.law.small_lu import factor, solve, solve_five
 from solver_adapters.kernels import kernel
 
 from . import NS
@@ -140,14 +140,44 @@ def _evaluate(
 
 
 @kernel
+def _weigh(w: FloatArray) -> None:
+    """FACTOR = Σ w P Pᵀ; each number of the triangle is summed in the same loop."""
+    a00 = a01 = a02 = a03 = a04 = a11 = a12 = a13 = a14 = 0.0
+    a22 = a23 = a24 = a33 = a34 = a44 = 0.0
+    for s in range(NS):
+        weight = w[WEIGHT + s]
+        p0, p1, p2 = w[SCHMID + s], w[SCHMID + NS + s], w[SCHMID + 2 * NS + s]
+        p3, p4 = w[SCHMID + 3 * NS + s], w[SCHMID + 4 * NS + s]
+        w0, w1, w2, w3 = weight * p0, weight * p1, weight * p2, weight * p3
+        a00 += w0 * p0
+        a01 += w0 * p1
+        a02 += w0 * p2
+        a03 += w0 * p3
+        a04 += w0 * p4
+        a11 += w1 * p1
+        a12 += w1 * p2
+        a13 += w1 * p3
+        a14 += w1 * p4
+        a22 += w2 * p2
+        a23 += w2 * p3
+        a24 += w2 * p4
+        a33 += w3 * p3
+        a34 += w3 * p4
+        a44 += weight * p4 * p4
+    f = FACTOR
+    w[f], w[f + 1], w[f + 2], w[f + 3], w[f + 4] = a00, a01, a02, a03, a04
+    w[f + 5], w[f + 6], w[f + 7], w[f + 8], w[f + 9] = a01, a11, a12, a13, a14
+    w[f + 10], w[f + 11], w[f + 12], w[f + 13], w[f + 14] = a02, a12, a22, a23, a24
+    w[f + 15], w[f + 16], w[f + 17], w[f + 18], w[f + 19] = a03, a13, a23, a33, a34
+    w[f + 20], w[f + 21], w[f + 22], w[f + 23], w[f + 24] = a04, a14, a24, a34, a44
+
+
+@kernel
 def _condense(w: FloatArray, mu0: float, mu1: float, p: FloatArray, coupled: bool) -> None:
-    symmetric = p[P_A1] == 0.0 and not coupled
-    for i in range(5):
-        if symmetric:
-            for s in range(NS):
-                w[WEIGHTED + s] = w[SCHMID + i * NS + s] * w[WEIGHT + s]
-            project(w, FACTOR + 5 * i, WEIGHTED)
-        else:
+    if p[P_A1] == 0.0 and not coupled:
+        _weigh(w)
+    else:
+        for i in range(5):
             weigh_mode(w, (DRIVING if p[P_A1] != 0.0 else SCHMID) + i * NS, coupled)
             project(w, SCRATCH_MODES, WEIGHTED)
             for k in range(5):
@@ -236,7 +266,7 @@ def update(
         if error <= tolerance or count >= most or not is_sound(w, error):
             break
         condensed_change(w, p)
-        advance_slips(w, p, exponential, coupled)
+        advance_slips(w, p, dt, exponential, coupled)
         count += 1
     valid = error <= tolerance and is_sound(w, error)
     return count if valid else -max(count, 1)
@@ -270,7 +300,7 @@ def tangent(w: FloatArray, V: FloatArray, p: FloatArray, C: FloatArray) -> None:
     for k in range(5):
         for i in range(9):
             w[ROWS + 9 * k + i] = V[k, i]
-    solve(w, FACTOR, 5, ROWS, 9)
+    solve_five(w, FACTOR, ROWS, 9)
     bulk = p[P_C11] + 2.0 * p[P_C12]
     for i in range(9):
         v0, v1, v2, v3, v4 = V[0, i], V[1, i], V[2, i], V[3, i], V[4, i]

@@ -52,9 +52,9 @@ def test_slopes_are_difference_quotients(r: float, n: float) -> None:
 def test_series_and_closed_forms_meet() -> None:
     below, above = 0.1 * (1 - 1e-12), 0.1 * (1 + 1e-12)
     for function in (kernels.mean_decay, kernels.decay_slope):
-        np.testing.assert_allclose(
-            function(below, np.exp(-below)), function(above, np.exp(-above)), rtol=1e-11
-        )
+        (series, one), (closed, divisor) = (function(u, np.exp(-u)) for u in (below, above))
+        assert one == 1.0
+        np.testing.assert_allclose(series, closed / divisor, rtol=1e-11)
 
 
 @pytest.mark.parametrize("n", (3.0, 10.0, 30.0))

@@ -172,7 +172,7 @@ def test_newtons_method_at_fixed_stress_finds_the_root_of_each_system(exponentia
     w = point.workspace(np.zeros(NS), solved=False)
     iterations = 0
     while point.evaluate(w) > 1e-13:
-        kernels.advance_slips(w, point.step.constants, exponential, False)
+        kernels.advance_slips(w, point.step.constants, DT, exponential, False)
         iterations += 1
         assert iterations < 40
     found = w[rows.SIGNED : rows.SIGNED + NS]
