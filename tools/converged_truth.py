@@ -18,13 +18,14 @@ from driver.case.specimen import SIZES
 from driver.experiment.history import History
 from driver.forward.build import adapter_of, build_model, geometry_of
 from driver.forward.model import ForwardModel
-from driver.virtual.truth import Course, history_of_rows, seen_course, true_model
+from driver.virtual.truth import Course, seen_course, true_model
 from meshes.prism import CellKind, generate
 from solver_adapters.interface import Simulation
 from tools import mesh_reference
 from tools.mesh_reference import Reference, extrapolated, on_face
 from tools.short_specimen import CYCLES, small_case, true_knots
 from tools.short_specimen import true_case as as_it_is
+from tools.stage_histories import steady_history
 
 Change = Callable[[Simulation, History], Simulation]
 
@@ -62,24 +63,13 @@ def true_case() -> Case:
 
 
 def stage_history(dense: int = 1) -> History:
-    """Make a stage move on slowly from image to image, and hold at each peak before its image.
-
-    A hold before every image, as a microscope that scans needs it, would double the intervals
-    that each simulation has to go through.
+    """Make a stage move on steadily.
 
     Args:
         dense: by how many times there are more images, in steps as much shorter.
     """
-    time, stage, rows = 0.0, 0.0, [(0.0, 0.0, True)]
-    for up, down in CYCLES:
-        for k, step in enumerate(dense * up * [MOVE] + dense * down * [-MOVE]):
-            time, stage = time + SECONDS / dense, stage + step / dense
-            peak = k == dense * up - 1
-            rows.append((time, stage, not peak))
-            if peak:
-                time += SECONDS
-                rows.append((time, stage, True))
-    return history_of_rows(rows)
+    cycles = [(dense * up, dense * down) for up, down in CYCLES]
+    return steady_history(cycles, MOVE / dense, SECONDS / dense, SECONDS)
 
 
 def pulled(

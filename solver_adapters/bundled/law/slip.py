@@ -37,6 +37,8 @@ from .workspace_layout import (
     ASYMMETRY,
     COUPLED,
     D_TAU,
+    EASED,
+    EASED_RATE,
     EXCESS,
     FALL,
     FALL_SLOPE,
@@ -107,17 +109,21 @@ def load_point(
 
     skin: factor on τ0 at this point; solved: whether the guess is the solution, to be kept.
     """
+    # What lies outside the workspace is read first: LLVM cannot know that it stays as it is.
+    asymmetry = -skin * p[P_ASYMMETRY]
+    tau110, tau112, tau123 = skin * p[P_TAU110], skin * p[P_TAU112], skin * p[P_TAU123]
+    for i in range(3 * NS):
+        w[X0 + i] = state[S_X + i]
     for s in range(NS):
-        w[X0 + s] = state[S_X + s]
-        w[OVER0 + s] = state[S_OVER + s]
-        w[ACC0 + s] = state[S_ACC + s]
-        w[TAU0 + s] = skin * of_family(p, s)
-        w[ASYMMETRY + s] = -skin * p[P_ASYMMETRY] * w[SENSE + s]
+        w[SIGNED + s] = guess[s]
+    for s in range(NS):
+        w[TAU0 + s] = tau110 if s < FIRST_112 else (tau112 if s < FIRST_123 else tau123)
+        w[ASYMMETRY + s] = asymmetry * w[SENSE + s]
         w[RISE + s] = 0.0
         w[SLOPE + s] = 0.0
         w[SHIFT + s] = 0.0
         w[FALL + s] = 0.0
-        g = guess[s]
+        g = w[SIGNED + s]
         w[SLIP + s] = abs(g) if abs(g) > SLIP_AT_REST else 0.0
         w[SIGN + s] = 1.0 if g >= 0.0 else -1.0
     w[HAS_SECOND] = 0.0
@@ -126,13 +132,17 @@ def load_point(
         for s in range(NS):
             w[X20 + s] = state[S_X2 + s]
     if exponential:
-        n = p[P_N]
+        K, n = p[P_K], p[P_N]
+        n_inverse = 1.0 / n
         for s in range(NS):
-            over = max(abs(w[OVER0 + s]), 1e-30)
-            w[SLIP0 + s] = dt * fast_exp(n * fast_log(over / p[P_K]))
+            start = fast_log(max(abs(w[OVER0 + s]), 1e-30) / K)
+            rate = fast_log(max(w[SLIP + s], 1e-30) / dt)
+            w[SLIP0 + s] = dt * fast_exp(n * start)
+            w[VISCOUS + s] = K * fast_exp(n_inverse * rate)
         _fall(w, n, solved)
         _relax(w, n, solved)
-    _overstress(w, p, dt)
+    else:
+        _overstress(w, p, dt)
     for s in range(NS):
         w[SIGNED + s] = w[SIGN + s] * w[SLIP + s]
 
@@ -167,6 +177,10 @@ def _fall(w: FloatArray, n: float, solved: bool) -> None:
                 error = fast_log(rate_ratio(r, e, e_a, n)) - w[LOG_RATIO + s]
                 better = max(r + error / rate_slope(r, e, e_a, n), 0.0)
                 w[FALL + s] = better if w[LOG_RATIO + s] < 0.0 else r
+    for s in range(NS):
+        begun, r = w[LOG_RATIO + s] < 0.0, w[FALL + s]
+        w[EASED + s] = decay(r) if begun else w[EASED + s]
+        w[EASED_RATE + s] = decay((n - 1.0) * r) if begun else w[EASED_RATE + s]
 
 
 @kernel
@@ -178,13 +192,11 @@ def _relax(w: FloatArray, n: float, solved: bool) -> None:
     if falling == 0.0:
         return
     for s in range(NS):
-        r = w[FALL + s]
-        falls = r > 0.0
-        e, e_a = decay(r), decay((n - 1.0) * r)
+        r, e, e_a = w[FALL + s], w[EASED + s], w[EASED_RATE + s]
         w[FALLEN + s] = w[SIGN + s] * w[OVER0 + s] * e
         w[FALL_SLOPE + s] = rate_slope(r, e, e_a, n)
         slip = w[SLIP0 + s] * rate_ratio(r, e, e_a, n)
-        w[SLIP + s] = slip if falls and not solved else w[SLIP + s]
+        w[SLIP + s] = slip if r > 0.0 and not solved else w[SLIP + s]
 
 
 @kernel
@@ -211,7 +223,7 @@ def evaluate_systems(
     Returns how far from solved the equations are: the sum of what each system would have to slip
     more if it were alone, and one for each system that has become active.
     """
-    c, d, n = p[P_C], p[P_D], p[P_N]
+    c, d, n, C44 = p[P_C], p[P_D], p[P_N], p[P_C44]
     hard = hardens(p)
     if hard or w[HAS_SECOND] != 0.0 or p[P_A1] != 0.0:
         _start_terms(w)
@@ -245,7 +257,7 @@ def evaluate_systems(
         # ∂v/∂Δp is v/power. One division gives the inverse of the stiffness, and of that and C44.
         power = (w[FALL_SLOPE + s] if falls else n) * slip
         stiffness = viscous + slope * power
-        alone = stiffness + p[P_C44] * power
+        alone = stiffness + C44 * power
         inverse = power / (stiffness * alone)
         weight = alone * inverse if active else 0.0
         resistance = w[TAU0 + s] + sign * w[ASYMMETRY + s] + w[RISE + s]
@@ -347,7 +359,7 @@ def advance_slips(
     else:
         for s in range(NS):
             w[STEP + s] += w[WEIGHT + s] * w[SIGN + s] * w[D_TAU + s]
-    unknown = 0.0
+    left = 0.0
     for s in range(NS):
         g = max(w[SLIP + s], 1e-30)
         step = w[STEP + s]
@@ -357,17 +369,19 @@ def advance_slips(
         power = w[FALL_SLOPE + s] if falls else (n if lowers else 1.0)
         share = max(1.0 + step / (g * power), 0.1)
         change = fast_log(share)
-        # Of Δp and of Δp^(1/n) the one that takes the step changes by `share`.
-        follows = fast_exp((n if lowers else n_inverse) * change)
-        new = g * follows if lowers else w[SLIP + s] + step
+        # What takes the step changes by `share`: v where a system relaxes, Δp^(1/n), or Δp.
+        follows = fast_exp(((n - 1.0) if falls else (n if lowers else n_inverse)) * change)
+        w[EASED + s] *= share
+        w[EASED_RATE + s] *= follows
         w[VISCOUS + s] *= share if lowers else follows
         end = r - change
         leaves = falls and end <= 0.0
-        new = max(new, w[SLIP0 + s]) if leaves else new
-        w[FALL + s] = max(end, 0.0) if falls and new > SLIP_AT_REST else 0.0
+        new = g * follows if lowers else w[SLIP + s] + step
+        new = (max(new, w[SLIP0 + s]) if leaves else g) if falls else new
+        w[FALL + s] = max(end, 0.0) if falls else 0.0
         w[SLIP + s] = new if new > SLIP_AT_REST else 0.0
-        unknown += 1.0 if leaves else 0.0
-    if unknown > 0.0:
+        left += 1.0 if leaves else 0.0
+    if left > 0.0:
         _overstress(w, p, dt)
     if exponential:
         _fall(w, n, False)

@@ -6,7 +6,7 @@ condensed system; `response` prepares its inverse.
 
 from meshes.arrays import BoolArray, FloatArray, IntArray
 from solver_adapters.bundled.law.law import P_A1, P_C11, P_C12, P_C44
-from solver_adapters.bundled.law.small_lu import solve
+from solver_adapters.bundled.law.small_lu import solve_five
 from solver_adapters.kernels import kernel
 
 from . import NS
@@ -74,7 +74,7 @@ def response(
         w[ROWS + k] = 0.0
     for k in range(5):
         w[ROWS + 6 * k] = 1.0
-    solve(w, FACTOR, 5, ROWS, 5)
+    solve_five(w, FACTOR, ROWS, 5)
     for i in range(5):
         for k in range(5):
             w[INVERSE + 5 * i + k] = w[ROWS + 5 * k + i]
