@@ -4,11 +4,11 @@
     python -m benchmarks.numerics --quick   the working prediction of the demo alone
     python -m benchmarks.numerics --make alpha   its reference anew, 87 CPU-min and 5.4 GB
     python -m benchmarks.numerics --make short   that of the blind trial's specimen, a quarter
-    python -m benchmarks.numerics --make if_steel   that of the paper's specimen in finite strain
+    python -m benchmarks.numerics --make if_steel   that of the paper's in finite strain, 15 CPU-min
 
-The data, history and truth of the demo, of the blind trial's specimen and of the paper's. The difference of a
-prediction from the reference is whitened as the data are; the part that the fitted parameters take
-up is projected out.
+The data, history and truth of the demo, of the blind trial's specimen and of the paper's. The
+difference of a prediction from the reference is whitened as the data are; the part that the fitted
+parameters take up is projected out.
 """
 
 from __future__ import annotations
@@ -304,7 +304,8 @@ def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="end within 45 s")
-    parser.add_argument("--make", choices=("alpha", "short", "if_steel"), help="make a reference anew")
+    names = ("alpha", "short", "if_steel")
+    parser.add_argument("--make", choices=names, help="make a reference anew")
     asked = parser.parse_args()
     if asked.make:
         make(asked.make)

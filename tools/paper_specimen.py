@@ -51,9 +51,7 @@ def settings() -> Virtual:
     """Return microscope, test and truth, with an eighth of the images."""
     whole = read_virtual(FOLDER / "virtual.toml")
     cycles = tuple((up // EVERY, down // EVERY) for up, down in whole.program.cycles)
-    return whole.model_copy(
-        update={"program": whole.program.model_copy(update={"cycles": cycles})}
-    )
+    return whole.model_copy(update={"program": whole.program.model_copy(update={"cycles": cycles})})
 
 
 def history() -> History:
