@@ -42,7 +42,8 @@ def decay_slope(u: float, e: float) -> tuple[float, float]:
 def rate_ratio(r: float, e: float, e_a: float, n: float) -> float:
     """ρ for e = e^(−r), e_a = e^(−a r)."""
     (above, below), (above_a, below_a) = mean_decay(r, e), mean_decay((n - 1.0) * r, e_a)
-    return e_a * (above * below_a) / (below * above_a)
+    ratio: float = e_a * (above * below_a) / (below * above_a)
+    return ratio
 
 
 @kernel
@@ -50,14 +51,16 @@ def rate_slope(r: float, e: float, e_a: float, n: float) -> float:
     """−∂ ln ρ/∂r."""
     a = n - 1.0
     (above, below), (above_a, below_a) = decay_slope(r, e), decay_slope(a * r, e_a)
-    return a - (a * above_a * below - above * below_a) / (below * below_a)
+    slope: float = a - (a * above_a * below - above * below_a) / (below * below_a)
+    return slope
 
 
 @kernel
 def rate_change(r: float, e_a: float, n: float) -> float:
     """−∂ ln ρ/∂n at fixed r."""
     above, below = decay_slope((n - 1.0) * r, e_a)
-    return r * (1.0 - above / below)
+    change: float = r * (1.0 - above / below)
+    return change
 
 
 @kernel
