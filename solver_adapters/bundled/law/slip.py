@@ -196,7 +196,10 @@ def _relax(w: FloatArray, n: float, solved: bool) -> None:
         w[FALLEN + s] = w[SIGN + s] * w[OVER0 + s] * e
         w[FALL_SLOPE + s] = rate_slope(r, e, e_a, n)
         slip = w[SLIP0 + s] * rate_ratio(r, e, e_a, n)
-        w[SLIP + s] = slip if r > 0.0 and not solved else w[SLIP + s]
+        slip = slip if r > 0.0 and not solved else w[SLIP + s]
+        rests = slip <= SLIP_AT_REST
+        w[SLIP + s] = 0.0 if rests else slip
+        w[FALL + s] = 0.0 if rests else r
 
 
 @kernel
@@ -386,10 +389,6 @@ def advance_slips(
     if exponential:
         _fall(w, n, False)
         _relax(w, n, False)
-        for s in range(NS):
-            rests = w[SLIP + s] <= SLIP_AT_REST
-            w[FALL + s] = 0.0 if rests else w[FALL + s]
-            w[SLIP + s] = 0.0 if rests else w[SLIP + s]
     for s in range(NS):
         w[SIGNED + s] = w[SIGN + s] * w[SLIP + s]
 
