@@ -23,6 +23,7 @@ Record = dict[str, Any]
 # Of what makes truths and tells their size, beside the solver and the two cases.
 TRUTHS = (
     "tools/short_specimen.py",
+    "tools/stage_histories.py",
     "tools/beyond_parameters.py",
     "tools/converged_truth.py",
     "tools/mesh_reference.py",

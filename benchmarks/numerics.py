@@ -304,7 +304,7 @@ def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="end within 45 s")
-    names = ("alpha", "short", "if_steel")
+    names = ("alpha", converged_truth.REFERENCE, paper_specimen.REFERENCE)
     parser.add_argument("--make", choices=names, help="make a reference anew")
     asked = parser.parse_args()
     if asked.make:

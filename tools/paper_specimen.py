@@ -1,7 +1,8 @@
-"""The specimen of the paper in finite strain, seen at every eighth stop of its test.
+"""The specimen of the paper in finite strain, its test in moves of eight stops.
 
-Microscope, noise, law and apex amplitudes are those of `examples/if_steel`. Its 320 images would
-take hours on cells that are small enough to judge others.
+Microscope, noise, law, apex amplitudes and the stage travel at each peak are those of
+`examples/if_steel`; an unloading takes three moves. Its 320 images would take hours on cells that
+are small enough to judge others.
 """
 
 from __future__ import annotations
@@ -83,7 +84,7 @@ def make() -> None:
     mesh_reference.write(_reference(), REFERENCE)
 
 
-def model_on(kind: CellKind, size: float) -> ForwardModel:
+def _model_on(kind: CellKind, size: float) -> ForwardModel:
     """Return the specimen on cells of a kind and size [µm], without a pixel on it."""
     case = known_case()
     mesh = generate(geometry_of(case), size, kind)
@@ -93,5 +94,5 @@ def model_on(kind: CellKind, size: float) -> ForwardModel:
 def _reference() -> Reference:
     case = known_case()
     _, values = true_model(case, history(), adapter_of(case), true_values())
-    pairs = [(model_on(kind, a), model_on(kind, b)) for kind, (a, b) in SMALLEST]
+    pairs = [(_model_on(kind, a), _model_on(kind, b)) for kind, (a, b) in SMALLEST]
     return mesh_reference.made(pairs, values)

@@ -75,17 +75,6 @@ _EXPONENT_OF_64 = 1029
 
 
 @kernel
-def of_family(p: FloatArray, s: int) -> float:
-    """Return the entry of constants (17,) that is the τ0 of the family of a slip system."""
-    found: float = p[P_TAU123]
-    if s < FIRST_112:
-        found = p[P_TAU110]
-    elif s < FIRST_123:
-        found = p[P_TAU112]
-    return found
-
-
-@kernel
 def prepare_slip(w: FloatArray, interaction: FloatArray, sense: FloatArray) -> None:
     """Put interaction matrix (NS, NS) and twinning senses (NS) into a fresh workspace."""
     for s in range(NS):
@@ -109,7 +98,8 @@ def load_point(
 
     skin: factor on τ0 at this point; solved: whether the guess is the solution, to be kept.
     """
-    # What lies outside the workspace is read first: LLVM cannot know that it stays as it is.
+    # What lies outside the workspace is read first: LLVM cannot know that it stays as it is. Rows
+    # X0, OVER0 and ACC0 follow each other as they do in a state.
     asymmetry = -skin * p[P_ASYMMETRY]
     tau110, tau112, tau123 = skin * p[P_TAU110], skin * p[P_TAU112], skin * p[P_TAU123]
     for i in range(3 * NS):
@@ -138,7 +128,7 @@ def load_point(
             start = fast_log(max(abs(w[OVER0 + s]), 1e-30) / K)
             rate = fast_log(max(w[SLIP + s], 1e-30) / dt)
             w[SLIP0 + s] = dt * fast_exp(n * start)
-            w[VISCOUS + s] = K * fast_exp(n_inverse * rate)
+            w[VISCOUS + s] = K * fast_exp(n_inverse * rate)  # as `_overstress`, in one loop
         _fall(w, n, solved)
         _relax(w, n, solved)
     else:
@@ -362,7 +352,7 @@ def advance_slips(
     else:
         for s in range(NS):
             w[STEP + s] += w[WEIGHT + s] * w[SIGN + s] * w[D_TAU + s]
-    left = 0.0
+    leaving = 0.0
     for s in range(NS):
         g = max(w[SLIP + s], 1e-30)
         step = w[STEP + s]
@@ -374,17 +364,20 @@ def advance_slips(
         change = fast_log(share)
         # What takes the step changes by `share`: v where a system relaxes, Δp^(1/n), or Δp.
         follows = fast_exp(((n - 1.0) if falls else (n if lowers else n_inverse)) * change)
-        w[EASED + s] *= share
-        w[EASED_RATE + s] *= follows
+        w[EASED + s] *= share if falls else 1.0
+        w[EASED_RATE + s] *= follows if falls else 1.0
         w[VISCOUS + s] *= share if lowers else follows
         end = r - change
         leaves = falls and end <= 0.0
-        new = g * follows if lowers else w[SLIP + s] + step
-        new = (max(new, w[SLIP0 + s]) if leaves else g) if falls else new
-        w[FALL + s] = max(end, 0.0) if falls else 0.0
+        lowered = g * follows * (share if falls else 1.0)
+        new = lowered if lowers else w[SLIP + s] + step
+        # What would come to rest by its own step does so, however much slower a relaxing one falls.
+        stays = g if not lowers or lowered > SLIP_AT_REST else 0.0
+        new = (max(new, w[SLIP0 + s]) if leaves else stays) if falls else new
+        w[FALL + s] = max(end, 0.0) if falls and new > SLIP_AT_REST else 0.0
         w[SLIP + s] = new if new > SLIP_AT_REST else 0.0
-        left += 1.0 if leaves else 0.0
-    if left > 0.0:
+        leaving += 1.0 if leaves else 0.0
+    if leaving > 0.0:
         _overstress(w, p, dt)
     if exponential:
         _fall(w, n, False)

@@ -9,6 +9,8 @@ from meshes.arrays import FloatArray, IntArray
 from solver_adapters.bundled.law.back_strain import growth, recall_slope, share_left
 from solver_adapters.bundled.law.fast_math import decay, fast_log
 from solver_adapters.bundled.law.law import (
+    FIRST_112,
+    FIRST_123,
     P_ASYMMETRY,
     P_B,
     P_C,
@@ -17,6 +19,9 @@ from solver_adapters.bundled.law.law import (
     P_D2,
     P_K,
     P_N,
+    P_TAU110,
+    P_TAU112,
+    P_TAU123,
 )
 from solver_adapters.bundled.law.relaxation import rate_change
 from solver_adapters.kernels import kernel
@@ -29,7 +34,7 @@ from .law_terms import (
     second_back_stress_derivative,
 )
 from .simd_rows import B_EXPLICIT, B_OVER, B_STEP, LANES, bounded, clear
-from .slip import of_family, weigh_residual
+from .slip import weigh_residual
 from .state_layout import S_ACC, S_OVER, S_X, S_X2
 from .workspace_layout import (
     ACC0,
@@ -203,6 +208,17 @@ def project_rows(
 
 
 @kernel
+def _of_family(p: FloatArray, s: int) -> float:
+    """Return the entry of constants (17,) that is the τ0 of the family of a slip system."""
+    found: float = p[P_TAU123]
+    if s < FIRST_112:
+        found = p[P_TAU110]
+    elif s < FIRST_123:
+        found = p[P_TAU112]
+    return found
+
+
+@kernel
 def _constants_derivative(
     w: FloatArray,
     dt: float,
@@ -216,9 +232,9 @@ def _constants_derivative(
     K, n, c = p[P_K], p[P_N], p[P_C]
     for s in range(NS):
         sign = w[SIGN + s]
-        d_tau0 = skin * of_family(dp, s)
+        d_tau0 = skin * _of_family(dp, s)
         d_tau0 -= sign * skin * dp[P_ASYMMETRY] * w[SENSE + s]
-        d_tau0 += dskin * of_family(p, s)
+        d_tau0 += dskin * _of_family(p, s)
         d_tau0 -= sign * dskin * p[P_ASYMMETRY] * w[SENSE + s]
         w[EXPLICIT + s] -= dp[P_C] * w[XHAT + s] + c * w[RECALL + s] * dp[P_D] + d_tau0
     if dp[P_K] == 0.0 and dp[P_N] == 0.0:

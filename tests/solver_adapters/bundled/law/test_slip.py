@@ -191,6 +191,29 @@ def test_newtons_method_at_fixed_stress_finds_the_root_of_each_system(exponentia
             np.testing.assert_allclose(found[s], root, rtol=1e-7, atol=1e-13)
 
 
+@pytest.mark.parametrize("share", [0.1, 0.9])
+def test_a_relaxing_system_rests_where_its_own_step_would_empty_it(share: float) -> None:
+    """It slips by 1e-7: times 0.1¹⁰ that is less than anything that counts as slip."""
+    point = _point("baseline", True)
+    onward = np.sign(point.step.state[S_OVER:S_ACC])
+    w = point.workspace(1e-7 * onward, solved=False)
+    point.evaluate(w)
+    fall, slip, step, slope = (
+        slice(row, row + NS) for row in (rows.FALL, rows.SLIP, rows.STEP, rows.FALL_SLOPE)
+    )
+    falls, before = w[fall] > 0.0, w.copy()
+    assert np.count_nonzero(falls) > 12
+    w[step] = (share - 1.0) * w[slip] * w[slope]
+    kernels.advance_slips(w, point.step.constants, DT, True, False)
+    if share == 0.1:
+        assert not w[slip][falls].any() and not w[fall][falls].any()
+    else:
+        end = before[fall][falls] - np.log(share)
+        np.testing.assert_allclose(w[fall][falls], end, rtol=1e-12)
+        assert (w[slip][falls] > 0.0).all()
+        assert (w[slip][falls] < before[slip][falls]).all()
+
+
 def test_the_stored_state_is_that_of_the_law(law: str, exponential: bool) -> None:
     point = _point(law, exponential)
     slips = _some_slips(point)
