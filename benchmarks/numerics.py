@@ -302,7 +302,9 @@ def make(name: str) -> None:
 
 def main() -> None:
     """Run the study."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--quick", action="store_true", help="end within 45 s")
     names = ("alpha", converged_truth.REFERENCE, paper_specimen.REFERENCE)
     parser.add_argument("--make", choices=names, help="make a reference anew")
