@@ -23,11 +23,11 @@ from tools import mesh_reference
 from tools.mesh_reference import Reference
 from tools.stage_histories import steady_history
 
-FOLDER = Path(__file__).parents[1] / "examples" / "if_steel"
+_FOLDER = Path(__file__).parents[1] / "examples" / "if_steel"
 REFERENCE = "if_steel"
-EVERY = 8
+_EVERY = 8
 # Stage travel [µm] and time from image to image, and at a peak before its image [s].
-_MOVE, _SECONDS, _HOLD = 5.0 * EVERY, 40.0 * EVERY, 30.0
+_MOVE, _SECONDS, _HOLD = 5.0 * _EVERY, 40.0 * _EVERY, 30.0
 SMALLEST: tuple[tuple[CellKind, tuple[float, float]], ...] = (
     ("hex20", (0.5, 0.4)),
     ("tet10", (0.35, 0.27)),
@@ -37,7 +37,7 @@ SMALLEST: tuple[tuple[CellKind, tuple[float, float]], ...] = (
 
 def known_case() -> Case:
     """Return what the user knows and believes of the specimen, on hexahedra."""
-    case = load_case(FOLDER / "case.toml")
+    case = load_case(_FOLDER / "case.toml")
     mesh = {"cells": "hex20", "mesh_size_um": 2.0, "fine_mesh_size_um": 0.667}
     steps = {"steps_per_interval": 1, "mean_dilatation": True}
     return case.model_copy(
@@ -50,8 +50,8 @@ def known_case() -> Case:
 
 def settings() -> Virtual:
     """Return microscope, test and truth, with an eighth of the images."""
-    whole = read_virtual(FOLDER / "virtual.toml")
-    cycles = tuple((up // EVERY, down // EVERY) for up, down in whole.program.cycles)
+    whole = read_virtual(_FOLDER / "virtual.toml")
+    cycles = tuple((up // _EVERY, down // _EVERY) for up, down in whole.program.cycles)
     return whole.model_copy(update={"program": whole.program.model_copy(update={"cycles": cycles})})
 
 
@@ -67,7 +67,7 @@ def true_values() -> dict[str, float]:
 
 
 def pulled() -> Course:
-    """Return the test, converged."""
+    """Return the test, converged; the few cells it is simulated on tell its values and instants."""
     converged, case, test = mesh_reference.read(REFERENCE), known_case(), history()
     model, values = true_model(case, test, adapter_of(case), true_values())
     course = seen_course(model, model.simulation(values), test, values)

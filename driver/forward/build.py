@@ -352,17 +352,25 @@ def build_model(
         workspace: where the solver keeps files of its runs, or None.
 
     Raises:
+        InputError: a grain boundary cannot be moved along the specimen.
         OrientationError: an EBSD map cannot be used.
     """
     surface = trace(mesh)
     half, solver = case.specimen.width / 2, case.solver
+    geometry = geometry_of(case)
+    if not geometry.crossed_from_side_to_side:
+        key = "boundaries.1" if case.specimen.boundaries else "boundary_normal"
+        raise InputError(
+            f"specimen.{key}: found {case.specimen.planes[0]}, which meets an end face or a side "
+            "along the whole specimen, expected one that crosses it from side to side, or labels"
+        )
     # The finer simulation is as much more accurate as its steps are shorter.
     finer = steps_per_interval / solver.steps_per_interval
     duration = history.time[-1] - history.time[0]
     return ForwardModel(
         material=case.material.to_material(),
         microstructure=build_microstructure(
-            mesh, geometry_of(case), orientations_of(case), rotation_scales(case)
+            mesh, geometry, orientations_of(case), rotation_scales(case)
         ),
         boundary=_boundary_motion(case, mesh, knot_weights(history)),
         instrument=Instrument(

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from driver.case.grains import Grain
 from driver.case.model import Case, load_case
+from driver.case.specimen import BoundaryPlane
 from driver.common.errors import InputError
 from driver.experiment.history import History, read_history, turning_points
 from driver.experiment.reading import read_experiment
@@ -248,9 +249,34 @@ def test_cells_that_the_solver_lacks_are_refused_by_key(
     assert str(error.value).endswith(expected)
 
 
+@pytest.mark.parametrize(
+    ("key", "update"),
+    [
+        ("boundary_normal", {"boundary_normal": (1.0, 0.0, 0.0)}),
+        ("boundary_normal", {"boundary_normal": (1.0, 0.1, 0.0)}),
+        ("boundaries.1", {
+            "boundary_point_um": None, "boundary_normal": None,
+            "boundaries": (BoundaryPlane(point_um=(0.0, 2.0, 0.0), normal=(1.0, 0.0, 0.0)),),
+        }),
+    ],
+)  # fmt: skip
+def test_a_boundary_that_meets_an_end_face_is_refused_by_key(
+    key: str, update: dict[str, object]
+) -> None:
+    """Tetrahedra follow it, but it cannot be moved along the specimen."""
+    with pytest.raises(InputError) as error:
+        built(changed(closed_form.small_case(), "specimen", cells="tet10", **update))
+    assert str(error.value).startswith(f"specimen.{key}: found the grain boundary through (0.0, 2")
+    assert str(error.value).endswith("expected one that crosses it from side to side, or labels")
+
+
 def bicrystal(folder: Path, *grains: Grain) -> ForwardModel:
     case = closed_form.small_case().model_copy(update={"grains": grains})
     case._file = folder / "case.toml"
+    return built(case)
+
+
+def built(case: Case) -> ForwardModel:
     mesh = mesh_of(case, 2.0)
     none = np.zeros((0, 2))
     stage = np.array([0.0, 20.0, 40.0])

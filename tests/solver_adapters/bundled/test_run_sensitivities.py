@@ -386,7 +386,8 @@ def test_derivatives_with_mean_dilatation_are_difference_quotients(
         Direction("gradient", lattice_gradient=spins),
     )
     response = BundledAdapter().solve(replace(simulation, directions=directions))
-    # Of shorter steps the tolerance of the simulations would be seen, 1e-11 of a force.
+    # Node positions in shorter steps would show the slip by which a point may be wrong: 1e-13 is
+    # 1e-11 of a force.
     steps = (1e-3, 10.0, 1e-5, 1e-5, 1e-4, 1e-5)
     for k, (direction, step) in enumerate(zip(directions, steps, strict=True)):
         _compare(response, k, direction.name, _central(simulation, direction, step, response))
