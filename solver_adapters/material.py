@@ -33,7 +33,8 @@ class Material:
     - family: tau0_112 of a {112} system, tau0_123 of a {123} system, else 1;
     - sense: tau0_antitwinning where a {112} system slips in the antitwinning sense, else 1;
     - skin: 1 + (skin_tau0 - 1) * exp(-depth / skin_thickness) below the free surface, times
-      exp(slope_Y * eta + bend_Y * (3 * eta**2 - 1) / 2 + slope_X * xi) inside the grain;
+      exp(slope_Y * eta + bend_Y * (3 * eta**2 - 1) / 2 + slope_X * xi + band) inside the grain,
+      band its height times 2**-((eta - middle) / half_width)**4;
     - h = interaction + h_latent off the diagonal;
     - latent = Q_latent off the diagonal, else 0.
 
@@ -76,6 +77,13 @@ class Material:
             the first grain [-], null 0, over eta along Y and xi along X: the distance from the
             mean of the grain over sqrt(3) standard deviations, -1 to 1 in a uniform bar.
         tau0_grain2_slope_Y, tau0_grain2_bend_Y, tau0_grain2_slope_X: the same of the second.
+        tau0_grain1_band: ln tau0 in the middle of a band across the first grain, over that of
+            the rest of the grain [-], null 0.
+        tau0_grain1_band_middle: eta of its middle [-], used only where the band is not 0.
+        tau0_grain1_band_half_width: distance in eta over which it falls to a half [-], used only
+            where the band is not 0.
+        tau0_grain2_band, tau0_grain2_band_middle, tau0_grain2_band_half_width: the same of the
+            second.
         elastic_scale: factor on all elastic constants [-], null 1.
         C44_scale: factor on C44 alone [-], null 1.
         strain_measure: "small" or "finite".
@@ -113,6 +121,12 @@ class Material:
     tau0_grain2_slope_Y: float = 0.0
     tau0_grain2_bend_Y: float = 0.0
     tau0_grain2_slope_X: float = 0.0
+    tau0_grain1_band: float = 0.0
+    tau0_grain1_band_middle: float = 0.0
+    tau0_grain1_band_half_width: float = 0.25
+    tau0_grain2_band: float = 0.0
+    tau0_grain2_band_middle: float = 0.0
+    tau0_grain2_band_half_width: float = 0.25
     elastic_scale: float = 1.0
     C44_scale: float = 1.0
     strain_measure: StrainMeasure = "finite"
@@ -131,6 +145,15 @@ TAU0_MODES: tuple[tuple[str, ...], ...] = tuple(
     tuple(f"tau0_grain{grain}_{shape}" for shape in _SHAPES) for grain in (1, 2)
 )
 """Names of the modes of ln τ₀ inside each of the first two grains."""
+TAU0_BANDS: tuple[tuple[str, str, str], ...] = tuple(
+    (
+        f"tau0_grain{grain}_band",
+        f"tau0_grain{grain}_band_middle",
+        f"tau0_grain{grain}_band_half_width",
+    )
+    for grain in (1, 2)
+)
+"""Names of the band across each of them: its height, its middle, half of its width."""
 _OF_CRYSTALS: dict[str, tuple[SystemTable, ...]] = {
     **dict.fromkeys(("tau0_112", "tau0_antitwinning", "a1"), (BCC, BCC48)),
     "tau0_123": (BCC48,),
@@ -142,7 +165,7 @@ def of_other_crystals(table: SystemTable) -> frozenset[str]:
     return frozenset(name for name, have in _OF_CRYSTALS.items() if table not in have)
 
 
-OF_SECOND_GRAIN = frozenset({"tau0_grain2", *TAU0_MODES[1]})
+OF_SECOND_GRAIN = frozenset({"tau0_grain2", *TAU0_MODES[1], *TAU0_BANDS[1]})
 """Scalars of the law that act on nothing in a single grain."""
 
 
@@ -314,6 +337,11 @@ def _of_two_grains(material: Material) -> tuple[Parameter, ...]:
             for grain, names in enumerate(TAU0_MODES, start=1)
             for name, shape in zip(names, _SHAPES.values(), strict=True)
         ),
+        *(
+            parameter
+            for grain, names in enumerate(TAU0_BANDS, start=1)
+            for parameter in _of_band(grain, *names)
+        ),
         Parameter(
             "elastic_scale", "", 1.0, 0.05, 0.3, 3.0, True, label="factor on C₁₁, C₁₂, C₄₄",
             key="material.elastic_scale", admissible=POSITIVE,
@@ -321,6 +349,24 @@ def _of_two_grains(material: Material) -> tuple[Parameter, ...]:
         Parameter(
             "C44_scale", "", 1.0, 0.10, 0.5, 2.0, True, label="factor on C₄₄",
             key="material.C44_scale", admissible=POSITIVE,
+        ),
+    )  # fmt: skip
+
+
+def _of_band(grain: int, height: str, middle: str, half_width: str) -> tuple[Parameter, ...]:
+    return (
+        Parameter(
+            height, "", 0.0, 0.1, -1.5, 1.5, label=f"ln τ₀ of the band, grain {grain}",
+            key=f"material.{height}",
+        ),
+        Parameter(
+            middle, "", 0.0, 0.5, -1.0, 1.0, label=f"middle of the band, grain {grain}",
+            key=f"material.{middle}",
+        ),
+        Parameter(
+            half_width, "", 0.25, 0.5, 0.05, 1.0, True,
+            label=f"half width of the band, grain {grain}", key=f"material.{half_width}",
+            admissible=POSITIVE,
         ),
     )  # fmt: skip
 

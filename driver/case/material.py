@@ -16,6 +16,7 @@ from solver_adapters.interaction import bcc24_classes
 from solver_adapters.material import (
     ELASTIC_CONSTANTS,
     MATERIAL_DECLARATIONS,
+    TAU0_BANDS,
     TAU0_MODES,
     Material,
     admissible_at,
@@ -102,7 +103,9 @@ _CARRIED: Mapping[str, tuple[float, float]] = {
     "eigenstrain": (-0.1, 0.1),
     "skin_tau0": (1e-3, 1e3),
     "skin_thickness_um": (1e-6, 1e6),
-    **dict.fromkeys(sum(TAU0_MODES, ()), (-5, 5)),
+    **dict.fromkeys((*sum(TAU0_MODES, ()), *(band[0] for band in TAU0_BANDS)), (-5, 5)),
+    **dict.fromkeys((band[1] for band in TAU0_BANDS), (-2, 2)),
+    **dict.fromkeys((band[2] for band in TAU0_BANDS), (1e-3, 1e3)),
     **dict.fromkeys(("elastic_scale", "C44_scale"), (1e-3, 1e3)),
 }
 
@@ -195,6 +198,24 @@ class MaterialTable(Table):
     tau0_grain2_slope_X: float = _constant(
         "tau0_grain2_slope_X", "slope of ln tau0 along X in grain 2"
     )
+    tau0_grain1_band: float = _constant(
+        "tau0_grain1_band", "ln tau0 in a band across grain 1, over that of its rest"
+    )
+    tau0_grain1_band_middle: float = _constant(
+        "tau0_grain1_band_middle", "where its middle is along Y, -1 to 1 over the grain"
+    )
+    tau0_grain1_band_half_width: float = _constant(
+        "tau0_grain1_band_half_width", "half of its width, which is the same share of the grain"
+    )
+    tau0_grain2_band: float = _constant(
+        "tau0_grain2_band", "ln tau0 in a band across grain 2, over that of its rest"
+    )
+    tau0_grain2_band_middle: float = _constant(
+        "tau0_grain2_band_middle", "where its middle is along Y, -1 to 1 over the grain"
+    )
+    tau0_grain2_band_half_width: float = _constant(
+        "tau0_grain2_band_half_width", "half of its width, which is the same share of the grain"
+    )
     elastic_scale: float = _constant("elastic_scale", "factor on C11, C12, C44")
     C44_scale: float = _constant("C44_scale", "factor on C44 alone")
     strain_measure: Literal["small", "finite"] = Field(
@@ -215,7 +236,9 @@ class MaterialTable(Table):
             raise refusal(f"a number smaller in size than 1/d = {back_strain.upper:g}", "x0")
         return self
 
-    added: ClassVar[frozenset[str]] = frozenset({"slip_systems", "tau0_123", "tau0_grains"})
+    added: ClassVar[frozenset[str]] = frozenset(
+        {"slip_systems", "tau0_123", "tau0_grains", *sum(TAU0_BANDS, ())}
+    )
 
     def _refuse_what_other_crystals_lack(self) -> None:
         table = self._system_table()

@@ -16,11 +16,12 @@ from solver_adapters.interface import Capabilities
 
 # Simulations of a run: the Gauss–Newton iterations of stages B and C, and with images of A, use
 # this share of their limit each, each refit of a cause needs this many, one that is looked at from
-# afar about this many without derivatives (both sides in two rounds), and a finer mesh is run this
+# afar its sides or places without derivatives in about two rounds, and a finer mesh is run this
 # often where something is found.
 _ITERATION_SHARE = 0.5
 _PER_REFIT = 6
-_PER_LOOK = 4
+_SIDES = 2
+_ROUNDS = 2
 _FINE_RUNS = 8
 # So many of them belong to an identification.
 _CORRECTIONS = 2
@@ -98,7 +99,7 @@ def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> C
     of_start = round(stages_of_start * fit)
     fits = round((stages_of_start + 1) * fit)
     refits = min(case.diagnosis.refit, _causes(case)) * _PER_REFIT if case.with_images else 0
-    looks = _bent_causes(case) * _PER_LOOK if case.with_images else 0
+    looks = _ROUNDS * _looks(case) if case.with_images else 0
     # Only further starts, refits and looks are independent of each other and run side by side.
     starts = working * of_start * (case.identification.starts - 1) / case.execution.processes
     tried = (working * refits + plain * looks) / case.execution.processes
@@ -187,8 +188,10 @@ def _causes(case: Case) -> int:
     )
 
 
-def _bent_causes(case: Case) -> int:
-    """How many of them may be looked at from afar."""
+def _looks(case: Case) -> int:
+    """How many looks from afar a round may have."""
     n_grains, stated = len(case.grains), case.diagnosis.causes
     asked = names(n_grains) if stated == "all" else stated
-    return sum(cause.strongly_nonlinear for cause in every(n_grains) if cause.name in asked)
+    of_library = [cause for cause in every(n_grains) if cause.name in asked]
+    sides = _SIDES * sum(cause.strongly_nonlinear for cause in of_library)
+    return sides + sum(len(cause.places) for cause in of_library)

@@ -12,7 +12,7 @@ import numpy as np
 
 from meshes.arrays import FloatArray
 from solver_adapters.interface import Direction, Response, Simulation
-from solver_adapters.material import Material
+from solver_adapters.material import TAU0_BANDS, Material
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +86,9 @@ def _is_null(direction: Direction, material: Material) -> bool:
         idle.add("d2")
     if material.skin_tau0 == 1.0:
         idle.add("skin_thickness")
+    for height, middle, half_width in TAU0_BANDS:
+        if getattr(material, height) == 0.0:
+            idle |= {middle, half_width}
     others = (
         direction.rotation, direction.lattice_gradient, direction.motion, direction.points,
         direction.times,

@@ -6,15 +6,19 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 
 from solver_adapters.interface import Capabilities, Simulation, UnsupportedError
-from solver_adapters.material import Material
+from solver_adapters.material import TAU0_BANDS, Material
 
 BASE = frozenset(
-    ("C11", "C12", "C44", "K", "n", "tau0", "c", "d", "b", "d2", "skin_thickness", "strain_measure")
-)
+    (
+        "C11", "C12", "C44", "K", "n", "tau0", "c", "d", "b", "d2", "skin_thickness",
+        *(name for _, middle, half_width in TAU0_BANDS for name in (middle, half_width)),
+        "strain_measure",
+    )
+)  # fmt: skip
 """What no solver is asked for as a term: the plain law, and companions that do nothing alone.
 
-`b` acts with Q, `d2` with c2, `skin_thickness` with skin_tau0; strain measures are capabilities of
-their own.
+`b` acts with Q, `d2` with c2, `skin_thickness` with skin_tau0, middle and half width of a band with
+its height; strain measures are capabilities of their own.
 """
 
 # Terms of the law that are switched on by a value other than the default, their null.

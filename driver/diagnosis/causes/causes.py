@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from driver.parameters.covariance import DISCRETISATION
-from solver_adapters.material import TAU0_MODES
+from solver_adapters.material import TAU0_BANDS, TAU0_MODES
 
 Category = Literal["material", "microstructure", "boundary", "instrument", "numerics"]
 
@@ -32,6 +32,8 @@ class Cause:
         check_always: whether it is looked at from afar also where nothing seems wrong: of a few
             prior scales neither the tests nor the scores of other causes see anything, or the
             derivative misleads (`kinked`).
+        places: where it is looked for, as values of its first companion: it lies somewhere, and its
+            derivative is that of one place. It is looked at in each where something is wrong.
         kinked: whether its effect has a kink at its null, so that the derivative there is that of
             neither side: it is looked at from beside the null as well.
     """
@@ -47,6 +49,7 @@ class Cause:
     odds: float = 1.0
     strongly_nonlinear: bool = False
     check_always: bool = False
+    places: tuple[float, ...] = ()
     kinked: bool = False
     label: str = ""
 
@@ -56,8 +59,23 @@ class Cause:
         return self.label or self.name.replace("_", " ")
 
 
+PLACES = (-0.75, -0.25, 0.25, 0.75)
+"""Where a band is looked for along a grain, −1 to 1: a band of usual width reaches to the next."""
+
+
 def _axes(what: str) -> tuple[str, ...]:
     return tuple(f"{what}_{axis}" for axis in "xyz")
+
+
+def _band(grain: int) -> Cause:
+    height, *shape = TAU0_BANDS[grain - 1]
+    return Cause(
+        f"band_grain{grain}", "material", (height,),
+        f"a band across grain {grain} has another critical resolved shear stress than its rest",
+        f"slip traces along grain {grain}: in a soft band they are dense; "
+        "its hardness by nano-indentation at points along it",
+        companions=tuple(shape), places=PLACES, label=f"band in grain {grain}",
+    )  # fmt: skip
 
 
 LIBRARY: tuple[Cause, ...] = (
@@ -140,6 +158,8 @@ LIBRARY: tuple[Cause, ...] = (
         "slip traces along grain 2, and its hardness by nano-indentation at points along it",
         label="heterogeneity of grain 2",
     ),
+    _band(1),
+    _band(2),
     Cause(
         "rate_sensitivity", "material", ("n", "K"),
         "the flow stress depends on the rate otherwise than assumed",

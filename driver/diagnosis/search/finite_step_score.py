@@ -1,4 +1,4 @@
-"""Looks from afar at causes whose effect bends.
+"""Looks from afar at causes whose effect bends, and at those that lie somewhere.
 
 A score is of first order. Far from its null such a cause does something else than near it: of the
 effect of a few prior scales hardly anything lies along the derivative at the null, and the data
@@ -8,6 +8,11 @@ best cause that is known, by what a refit from there gains. What puts a cause so
 that the derivative holds has nothing to say beside it. Of a cause with a kink at its null it holds
 nowhere: that one is always looked at, a third of a prior scale off its null as well, and counts
 there however small it is.
+
+The derivative of a band across a grain is that of one place. Where something is wrong the band is
+looked at in several, one simulation each, whatever its derivative says; from the one that shows
+most it is refitted, and its middle and its width are found by the data: as many degrees of freedom
+count in its significance.
 """
 
 from __future__ import annotations
@@ -40,6 +45,7 @@ from driver.forward.prediction import Prediction
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.priors import FREED_WIDTH
+from meshes.arrays import FloatArray
 
 logger = logging.getLogger(__name__)
 
@@ -47,8 +53,10 @@ PROMISING = 0.02  # probability of one look under the null, below which a refit 
 HOPEFUL = 0.5  # of the best log evidence of any cause so far, which a side has to promise as well
 BESIDE_A_KINK = 1.0 / 3.0
 """Prior scales: of a lag 1 s, beyond the half second in which its rate changes (`load_at`)."""
+_MOST = 7.0  # prior scales with which a refit of what lies somewhere begins: a factor of two in τ₀
 _SURE = 2.0  # standard deviations by which an amount is known
-_LOOKS = 3  # either side, and where a refit ends
+_LOOKS = 2  # either side
+_REFITS = 1  # where a refit ends
 _MORE_OF_A_KINK = 2  # either side once more
 
 
@@ -104,11 +112,19 @@ class _Look:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """The fit with a cause off its null by an amount, in prior scales, and its score."""
+    """The fit with a cause off its null, and what that shows.
+
+    Attributes:
+        amount: how far off, in prior scales.
+        at: evaluation there.
+        score: of the cause, by the change from the fit to there.
+        begin: every parameter where a refit begins.
+    """
 
     amount: float
     at: Evaluation
     score: Score
+    begin: dict[str, float]
 
 
 def finite_step_scores(
@@ -123,9 +139,9 @@ def finite_step_scores(
 
     Those that hide come first, where their derivative does not show them or has a kink. The others
     come where something is wrong (the tests reject, or a cause is seen by its derivative or from
-    afar) and their derivative does not make them lead. Each costs two simulations, one where its
-    parameter is an instrument's, and a refit where they promise something beside the best cause so
-    far.
+    afar) and their derivative does not make them lead, or they lie somewhere. Each costs two
+    simulations, one where its parameter is an instrument's, or one for each of its places, and a
+    refit where they promise something beside the best cause so far.
 
     Args:
         scores: of all causes, to first order.
@@ -140,7 +156,8 @@ def finite_step_scores(
         JobError, ResultFileError: one was killed, ran out of time or left no result.
     """
     hiding = [s for s in scores if s.cause.check_always and (s.cause.kinked or not _shows(s))]
-    others = [s for s in scores if s.cause.strongly_nonlinear and not s.cause.check_always]
+    afar = [s for s in scores if s.cause.strongly_nonlinear or s.cause.places]
+    others = [s for s in afar if not s.cause.check_always]
 
     def looked(bent: Sequence[Score], before: int, rivals: Sequence[Score]) -> list[_Look]:
         family = len(scores) + before + _tries(bent)
@@ -160,7 +177,7 @@ def finite_step_scores(
     seen = [s for s in causes if s not in hiding] + [look.score for look in looks]
     if not accepted or any(s.p < NAMING_LEVEL for s in seen):
         leader = max(seen, key=lambda s: s.log_evidence, default=None)
-        rest = [s for s in others if not (s is leader and _shows(s))]
+        rest = [s for s in others if s.cause.places or not (s is leader and _shows(s))]
         looks += looked(rest, _tries(hiding), _of_the_mean(seen))
     best = {s.cause.name: s for s in (*scores, *(look.score for look in looks))}
     refits = [refit for look in looks for refit in look.refits]
@@ -169,7 +186,10 @@ def finite_step_scores(
 
 def _tries(bent: Sequence[Score]) -> int:
     """How many tries the looks at some causes are."""
-    return sum(_LOOKS + (_MORE_OF_A_KINK if s.cause.kinked else 0) for s in bent)
+    return sum(
+        _REFITS + (len(s.cause.places) or _LOOKS) + (_MORE_OF_A_KINK if s.cause.kinked else 0)
+        for s in bent
+    )
 
 
 def _of_the_mean(scores: Sequence[Score]) -> list[Score]:
@@ -178,7 +198,7 @@ def _of_the_mean(scores: Sequence[Score]) -> list[Score]:
 
 
 def _look(task: _Task) -> _Look:
-    """Both sides of a cause, and a refit from the one that promises more."""
+    """Both sides or all places of a cause, and a refit from the one that promises most."""
     with collected_lines() as lines:
         best, refits = _best_score(task)
     return _Look(best, tuple(refits), tuple(lines))
@@ -188,11 +208,11 @@ def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
     """Return the score of a cause from where it shows best, and its refits."""
     near, fitted = task.near, task.here
     extended = with_prior(task.objective, near.cause)
-    sides = [_scored(task, at, n) for at, n in _sides(near, fitted, extended) if n]
+    sides = [_scored(task, extended, at, n) for at, n in _sides(near, fitted, extended) if n]
     promising = [
         one
         for one in sides
-        if one.score.estimate[0] * one.amount > 0
+        if (near.cause.places or one.score.estimate[0] * one.amount > 0)
         and _may_be_far(one.score)
         and chi2_sf(one.score.statistic, one.score.degrees) < PROMISING
     ]
@@ -201,9 +221,7 @@ def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
     worth = [one for one in promising if one.score.log_evidence > task.least]
     if worth:
         begin = max(worth, key=lambda one: one.score.statistic)
-        start = Start(
-            near.cause, extended, begin.at.values, None, fitted.best, np.inf, MOST_FROM_AFAR
-        )
+        start = Start(near.cause, extended, begin.begin, None, fitted.best, np.inf, MOST_FROM_AFAR)
         for refit in refit_from([start], Executor(1, 1)):
             end = _gained(refit, begin.score, task)
             # What the sides promise the refit has tried.
@@ -212,12 +230,7 @@ def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
                 refits.append(refit)
                 scores.append(end)
     best = max(scores, key=lambda s: s.log_evidence)
-    # Of one side that counts which shows most.
-    limits = [
-        np.min([one.score.visible for one in group], axis=0)
-        for group in ([s for s in sides if s.amount > 0], [s for s in sides if s.amount < 0])
-        if group
-    ]
+    limits = _visible(near, sides)
     # Near the null the derivative holds unless it has a kink, beyond it what the weaker side shows.
     if limits and near.visible[0] > _least_amount(near.cause):
         best = replace(best, visible=np.max(limits, axis=0))
@@ -227,6 +240,17 @@ def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
     return best, refits
 
 
+def _visible(near: Score, sides: Sequence[_Side]) -> list[FloatArray]:
+    """Return what would have been seen on either side, or in each place.
+
+    Of a side that counts which of its looks shows most. The derivative is that of one place more.
+    """
+    if near.cause.places:
+        return [near.visible, *(one.score.visible for one in sides)]
+    groups = [[one for one in sides if (one.amount > 0) == above] for above in (True, False)]
+    return [np.min([one.score.visible for one in group], axis=0) for group in groups if group]
+
+
 def _may_be_far(side: Score) -> bool:
     """Whether it leaves the cause where its derivative does not hold."""
     return bool(np.abs(side.estimate[0]) + _SURE * side.sigma[0] > _least_amount(side.cause))
@@ -234,15 +258,21 @@ def _may_be_far(side: Score) -> bool:
 
 def _least_amount(cause: Cause) -> float:
     """Prior scales within which the derivative at the null holds."""
-    return 0.0 if cause.kinked else FAR[0]
+    return 0.0 if cause.kinked or cause.places else FAR[0]
 
 
-def _scored(task: _Task, at: Evaluation, amount: float) -> _Side:
+def _scored(task: _Task, extended: Objective, at: Evaluation, amount: float) -> _Side:
     fitted, degrees = task.here.inside(task.objective), task.objective.data.load_degrees
     change = (fitted.residual - at.residual)[None] / amount
     off = off_by_meshes(task.objective)
     scored = score(task.near.cause, change, fitted, task.family, degrees, task.variance, off)
-    return _Side(amount, at, scored)
+    begin = at.values
+    if task.near.cause.places:
+        # Of either sign, and of the size that the change bears.
+        (name,) = task.near.cause.parameters
+        size = np.clip(scored.estimate[0], -_MOST, _MOST) * extended.parameters[name].width
+        begin = begin | {name: extended.parameters[name].value(size, extended.prior[name][0])}
+    return _Side(amount, at, scored, begin)
 
 
 def _gained(refit: Refit, side: Score, task: _Task) -> Score:
@@ -253,7 +283,9 @@ def _gained(refit: Refit, side: Score, task: _Task) -> Score:
     # The cost of a refit has the prior of its cause.
     gained = max(fitted.cost - (at.cost - (amount / FREED_WIDTH) ** 2), 0.0) / task.variance
     components = np.array([np.copysign(np.sqrt(gained), amount)])
-    p = significance(refit.cause, components, side.directions, fitted, task.family, degrees)
+    found_by_data = len(refit.cause.companions) if refit.cause.places else 0
+    padded = np.pad(components, (0, found_by_data))
+    p = significance(refit.cause, padded, side.directions, fitted, task.family, degrees)
     (name,) = refit.cause.parameters
     k, width = at.free.index(name), task.objective.parameters[name].width
     return replace(
@@ -277,9 +309,13 @@ def _sides(near: Score, here: Fit, extended: Objective) -> list[tuple[Evaluation
     (name,) = near.cause.parameters
     null, parameter = extended.prior[name][0], extended.parameters[name]
     steps = (BESIDE_A_KINK, FAR[-1]) if near.cause.kinked else (FAR[-1],)
-    amounts = [sign * step for step in steps for sign in (1.0, -1.0)]
+    looks: list[tuple[float, dict[str, float]]]
+    looks = [(sign * step, {}) for step in steps for sign in (1.0, -1.0)]
+    if near.cause.places:
+        looks = [(-FAR[-1], {near.cause.companions[0]: place}) for place in near.cause.places]
     off = [
-        here.values | {name: parameter.value(amount * parameter.width, null)} for amount in amounts
+        here.values | {name: parameter.value(amount * parameter.width, null)} | where
+        for amount, where in looks
     ]
     ends = []
     for values, prediction in zip(off, _predicted(name, off, here, extended), strict=True):

@@ -21,6 +21,7 @@ from solver_adapters.bundled.fem.element import (
     shape_gradients,
 )
 from solver_adapters.bundled.fem.initial import (
+    band_factor,
     depth_share,
     initial_state,
     mode_factor,
@@ -28,10 +29,11 @@ from solver_adapters.bundled.fem.initial import (
     surface_distance,
 )
 from solver_adapters.interface import Direction, Simulation
-from solver_adapters.material import TAU0_MODES
+from solver_adapters.material import TAU0_BANDS, TAU0_MODES
 
-_MODES = tuple(name for modes in TAU0_MODES for name in modes)
-AT_REST = ("x0", "eigenstrain", "skin_tau0", "skin_thickness", *_MODES)
+_INSIDE = (*sum(TAU0_MODES, ()), *sum(TAU0_BANDS, ()))
+_VARYING = (*sum(TAU0_MODES, ()), *(band[0] for band in TAU0_BANDS))
+AT_REST = ("x0", "eigenstrain", "skin_tau0", "skin_thickness", *_INSIDE)
 """Scalars of the law that act through the fields of this module, not through local constants."""
 
 _STEP = 1e-30
@@ -121,7 +123,7 @@ def at_rest_change(
     """
     m, rates = simulation.material, direction.material
     null = m.x0 == 0.0 and m.eigenstrain == 0.0 and m.skin_tau0 == 1.0
-    uniform = all(getattr(m, name) == 0.0 for name in _MODES)
+    uniform = all(getattr(m, name) == 0.0 for name in _VARYING)
     if null and uniform and not any(name in rates for name in AT_REST):
         return None
     values = {name: getattr(m, name) + 1j * _STEP * rates.get(name, 0.0) for name in AT_REST}
@@ -148,7 +150,7 @@ def _rest(
             held |= np.isin(faces, mesh.nodes[group]).all(axis=1)
         distance = surface_distance(points.position, points.nodes[faces[~held]])
         skin = skin_factor(ratio, thickness, distance)
-    skin = skin * _modes_factor(simulation, values, points)
+    skin = skin * _factor_inside(simulation, values, points)
     material = simulation.material
     second = material.c2 != 0.0 or any(
         "c2" in direction.material for direction in simulation.directions
@@ -157,16 +159,20 @@ def _rest(
     return initial_state(measure, systems, x0, eigenstrain, rotation, depth, second), skin
 
 
-def _modes_factor(simulation: Simulation, values: Mapping[str, Any], points: _Points) -> AnyArray:
-    """Factor on τ0 of the modes inside the first two grains, (n_points,)."""
+def _factor_inside(simulation: Simulation, values: Mapping[str, Any], points: _Points) -> AnyArray:
+    """Factor on τ0 of modes and bands inside the first two grains, (n_points,)."""
     mesh = simulation.mesh
     grain = np.repeat(mesh.grain, len(points.volume) // len(mesh.grain))
     factor = np.ones(len(grain), dtype=np.result_type(points.position, *values.values()))
-    for number, names in enumerate(TAU0_MODES[: mesh.n_grains]):
-        modes = [values[name] for name in names]
+    inside = list(zip(TAU0_MODES, TAU0_BANDS, strict=True))[: mesh.n_grains]
+    for number, of_grain in enumerate(inside):
+        modes, band = ([values[name] for name in names] for names in of_grain)
+        here = grain == number
+        x, y, _ = points.position[here].T
         if any(mode != 0.0 for mode in modes):
-            x, y, _ = points.position[grain == number].T
-            factor[grain == number] = mode_factor(modes, x, y, points.volume[grain == number])
+            factor[here] *= mode_factor(modes, x, y, points.volume[here])
+        if band[0] != 0.0:
+            factor[here] *= band_factor(band, y, points.volume[here])
     return factor
 
 

@@ -106,6 +106,19 @@ def mode_factor(modes: Sequence[Any], x: AnyArray, y: AnyArray, volume: AnyArray
     return np.asarray(np.exp(exponent))
 
 
+def band_factor(band: Sequence[Any], y: AnyArray, volume: AnyArray) -> AnyArray:
+    """Factor on τ0 at the points of a grain, see `Material.tau0_grain1_band`.
+
+    Args:
+        band: ln τ0 in its middle, where that is along the grain, half of its width.
+        y: where the points of the grain lie along Y [µm], (n_points,).
+        volume: their volumes [µm³], (n_points,).
+    """
+    height, middle, half_width = band
+    off = (_standardised(y, volume) - middle) / half_width
+    return np.asarray(np.exp(height * 0.5 ** (off**4)))
+
+
 def _standardised(coordinate: AnyArray, volume: AnyArray) -> AnyArray:
     """Distance from the mean over √3 standard deviations, −1 to 1 in a uniform bar."""
     off = coordinate - (volume @ coordinate) / volume.sum()

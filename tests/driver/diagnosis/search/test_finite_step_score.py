@@ -235,9 +235,9 @@ def test_a_side_that_puts_a_cause_where_its_derivative_holds_promises_nothing(
     scored, near = finite_step_score._scored, _of(hidden.scores, "non_schmid")
 
     def at_0_4(
-        task: finite_step_score._Task, at: Evaluation, amount: float
+        task: finite_step_score._Task, extended: Objective, at: Evaluation, amount: float
     ) -> finite_step_score._Side:
-        side = scored(task, at, amount)
+        side = scored(task, extended, at, amount)
         estimate = np.array([np.copysign(0.4, amount)])
         known = replace(side.score, estimate=estimate, sigma=np.array([sigma]))
         return replace(side, score=known)
@@ -477,3 +477,84 @@ def test_along_a_parameter_at_its_bound_the_residual_is_seen_from_afar_as_well(
         one, other, free = (_of(look(seen).scores, "non_schmid") for seen in (at, given, hidden))
     assert one.visible == pytest.approx(other.visible)
     assert one.visible != pytest.approx(free.visible, rel=1e-3)
+
+
+BESIDE_BAND = ("band_grain2", "cold_work", "residual_stress")
+BAND = {
+    "tau0_grain2_band": -0.3,
+    "tau0_grain2_band_middle": 0.6,
+    "tau0_grain2_band_half_width": 0.4,
+}
+SHAPED = {"tau0_112": (-0.5, 0.4), "tau0_grain2": (0.2, 0.8), "C44_scale": (0.8, 1.6)}
+"""What a band does here: other things in other places along the grain, and how much of each."""
+
+
+def as_shaped(height: float, middle: float, half_width: float) -> dict[str, float]:
+    return {
+        name: float(np.exp(much * height * np.exp(-(((place - middle) / half_width) ** 2))))
+        for name, (place, much) in SHAPED.items()
+    }
+
+
+class Banded(ClosedFormSolver):
+    """A solver that knows a band across the second grain."""
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        m = simulation.material
+        band = (m.tau0_grain2_band, m.tau0_grain2_band_middle, m.tau0_grain2_band_half_width)
+        return super().answer(replace(simulation, material=replace(m, **as_shaped(*band))))
+
+
+def with_band(height: float, seed: int = 0) -> Examined:
+    """The scores at a fit without a band, to data that have one."""
+    _, middle, half_width = BAND.values()
+    return scored(as_shaped(height, middle, half_width), BESIDE_BAND, Banded, seed)
+
+
+@pytest.mark.parametrize("height", [-0.3, 0.3])
+def test_a_band_is_found_where_it_lies_with_its_height_and_its_width(height: float) -> None:
+    """Its derivative is that of a band in the middle of the grain, and shows less."""
+    hidden = with_band(height)
+    near = _of(hidden.scores, "band_grain2")
+    found = look(hidden, accepted=False)
+    band = found.scores[0]
+    assert band.cause.name == "band_grain2" and band.p < NAMING_LEVEL
+    assert band.statistic > 2 * near.statistic
+    (refit,) = found.refits
+    for name, value in (BAND | {"tau0_grain2_band": height}).items():
+        sigma = refit.fit.sigma(name, hidden.objective.parameters)
+        assert abs(refit.fit.values[name] - value) < 3 * sigma, name
+
+
+def test_a_band_is_looked_at_though_its_derivative_makes_it_lead() -> None:
+    hidden = with_band(-0.3)
+    leads = replace(_of(hidden.scores, "band_grain2"), p=1e-9, log_evidence=20.0)
+    (refit,) = look(with_scores(hidden, leads), accepted=False).refits
+    middle = "tau0_grain2_band_middle"
+    assert abs(refit.fit.values[middle] - BAND[middle]) < 0.1
+
+
+def test_no_band_is_looked_at_where_nothing_is_wrong() -> None:
+    right = with_band(0.0)
+    assert look(right, accepted=True).scores == right.scores
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_band_is_seen_where_there_is_none_though_its_place_is_free(seed: int) -> None:
+    found = look(with_band(0.0, seed), accepted=False)
+    assert all(s.p >= NAMING_LEVEL for s in found.scores)
+
+
+def test_a_band_is_visible_from_the_height_that_shows_in_every_place() -> None:
+    """Its derivative is that of one place more."""
+    right = with_band(0.0)
+    near = _of(right.scores, "band_grain2")
+
+    def visible(places: tuple[float, ...]) -> float:
+        placed = replace(near, cause=replace(near.cause, places=places))
+        (found,) = _of(
+            look(with_scores(right, placed), accepted=False).scores, placed.cause.name
+        ).visible
+        return float(found)
+
+    assert visible((0.25,)) == near.visible < visible((-1.2,)) == visible((0.25, -1.2))
