@@ -74,7 +74,7 @@ def refused(tmp_path: Path, *changes: tuple[str, str]) -> list[str]:
         ('parameters = ["tau0", "c", "d"]', 'parameters = ["C11"]',
          "identification.parameters", '"C11"', "one of tau0, c, d, K"),
         ("[extensions]", "[extensions]\ntau0_gr2 = 1.0", "extensions", 'the name "tau0_gr2"',
-         "tau0_grain2 or tau0_112 or tau0_grain2_bend_Y, or another"),
+         "tau0_grain2 or tau0_112 or tau0_grain2_band, or another"),
         ("[extensions]", '[extensions]\ntau0_grain2 = "1"', "extensions.tau0_grain2", '"1"',
          "a number (starts of parameters"),
         ("# interaction = [1, 1, 1, 1]", "interaction = [1, 1.4, 1]", "material.interaction",

@@ -355,6 +355,12 @@ NULLS = Material(
     tau0_grain2_slope_Y=0.0,
     tau0_grain2_bend_Y=0.0,
     tau0_grain2_slope_X=0.0,
+    tau0_grain1_band=0.0,
+    tau0_grain1_band_middle=-0.7,  # without a band, as its half width and those of grain 2
+    tau0_grain1_band_half_width=0.1,
+    tau0_grain2_band=0.0,
+    tau0_grain2_band_middle=0.4,
+    tau0_grain2_band_half_width=0.6,
     elastic_scale=1.0,
     C44_scale=1.0,
 )

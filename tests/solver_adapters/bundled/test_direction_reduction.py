@@ -54,6 +54,8 @@ def test_no_more_turns_are_carried_than_grains_have_axes() -> None:
     [
         ("b", {"Q": 1.0}), ("b", {"Q_latent": 1.0}), ("h_latent", {"Q": 1.0}),
         ("d2", {"c2": 10.0}), ("skin_thickness", {"skin_tau0": 1.1}),
+        ("tau0_grain1_band_middle", {"tau0_grain1_band": 0.1}),
+        ("tau0_grain2_band_half_width", {"tau0_grain2_band": 0.1}),
     ],
 )  # fmt: skip
 def test_a_constant_without_effect_is_not_carried(idle: str, active: dict[str, Any]) -> None:

@@ -27,6 +27,7 @@ from driver.identification.objective import Evaluation, Objective
 from driver.parameters.registry import declared_parameters
 from meshes.arrays import FloatArray
 from solver_adapters.interface import PreparedError, Simulation, SolverError
+from solver_adapters.material import with_parameters
 from tools import closed_form
 from tools.closed_form import ClosedFormSolver
 from tools.closed_form_diagnosis import SETTINGS, finer, identified
@@ -502,7 +503,7 @@ class Banded(ClosedFormSolver):
     def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
         m = simulation.material
         band = (m.tau0_grain2_band, m.tau0_grain2_band_middle, m.tau0_grain2_band_half_width)
-        return super().answer(replace(simulation, material=replace(m, **as_shaped(*band))))
+        return super().answer(replace(simulation, material=with_parameters(m, as_shaped(*band))))
 
 
 def with_band(height: float, seed: int = 0) -> Examined:

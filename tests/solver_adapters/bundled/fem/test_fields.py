@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -34,6 +34,11 @@ VARYING = Material(
     tau0_grain2_slope_Y=-0.25, tau0_grain2_bend_Y=0.4, tau0_grain2_slope_X=-0.15,
 )  # fmt: skip
 GRAIN_2 = {"tau0_grain2_slope_Y": 0.3, "tau0_grain2_bend_Y": -1.0, "tau0_grain2_slope_X": 0.5}
+BANDED = Material(
+    strain_measure="small",
+    tau0_grain1_band=-0.5, tau0_grain1_band_middle=-0.2, tau0_grain1_band_half_width=0.3,
+    tau0_grain2_band=0.4, tau0_grain2_band_middle=0.6, tau0_grain2_band_half_width=0.5,
+)  # fmt: skip
 
 
 def _simulation(kind: str, material: Material = GENERAL, jitter: float = 0.0) -> Simulation:
@@ -117,6 +122,14 @@ def _directions(simulation: Simulation) -> dict[str, Direction]:
         "eigenstrain": Direction("eigenstrain", material={"eigenstrain": 1e-3}),
         "skin": Direction("skin", material={"skin_tau0": 1.0, "skin_thickness": 0.3}),
         "modes": Direction("modes", material={"tau0_grain1_bend_Y": 1.0, **GRAIN_2}),
+        "band": Direction(
+            "band",
+            material={
+                "tau0_grain1_band": 1.0,
+                "tau0_grain1_band_middle": 0.5,
+                "tau0_grain2_band_half_width": 0.7,
+            },
+        ),
         "mixed": Direction(
             "mixed",
             material={"x0": 1e-4, "eigenstrain": 1e-3, "skin_tau0": -0.5, **GRAIN_2},
@@ -128,9 +141,10 @@ def _directions(simulation: Simulation) -> dict[str, Direction]:
 
 
 @pytest.mark.parametrize(
-    "name", ["rotation", "gradient", "points", "x0", "eigenstrain", "skin", "modes", "mixed"]
+    "name",
+    ["rotation", "gradient", "points", "x0", "eigenstrain", "skin", "modes", "band", "mixed"],
 )
-@pytest.mark.parametrize("material", [GENERAL, VARYING], ids=["skin", "modes"])
+@pytest.mark.parametrize("material", [GENERAL, VARYING, BANDED], ids=["skin", "modes", "band"])
 def test_changes_are_difference_quotients(name: str, kind: str, material: Material) -> None:
     material = replace(material, x0=5e-5, eigenstrain=3e-4)
     plain = replace(_simulation(kind, material, jitter=0.2), lattice_gradient=GRADIENT)
@@ -216,6 +230,30 @@ def test_inside_each_grain_tau0_follows_three_modes_along_y_and_x(kind: str) -> 
     slope_y, bend_y, slope_x = coefficients
     expected = np.exp(slope_y * eta + bend_y * (1.5 * eta**2 - 0.5) + slope_x * xi)
     np.testing.assert_allclose(_factor(simulation), expected, rtol=1e-12)
+
+
+def test_a_band_across_a_grain_has_its_height_in_its_middle_and_a_half_of_it_where_it_ends(
+    kind: str,
+) -> None:
+    """Each grain is 2 µm long, so that η is the distance from its middle in µm."""
+    simulation = _simulation(kind, BANDED)
+    y = _at(simulation)[:, 1]
+    second = y > 2.0
+    height, middle, half_width = (
+        np.where(second, high, low) for low, high in ((-0.5, 0.4), (0.8, 3.6), (0.3, 0.5))
+    )
+    found = _factor(simulation)
+    shape = 0.5 ** (((y - middle) / half_width) ** 4)
+    np.testing.assert_allclose(found, np.exp(height * shape), rtol=1e-12)
+    within, share = abs(y - middle) < half_width, np.log(found) / height
+    assert within.any() and (share[within] > 0.5).all() and (share[~within] < 0.5).all()
+
+
+def test_a_band_multiplies_the_modes(kind: str) -> None:
+    modes, band = (_factor(_simulation(kind, material)) for material in (VARYING, BANDED))
+    names = [f.name for f in fields(Material) if "_band" in f.name]
+    both = with_parameters(VARYING, {name: getattr(BANDED, name) for name in names})
+    np.testing.assert_allclose(_factor(_simulation(kind, both)), modes * band, rtol=1e-14)
 
 
 def test_modes_multiply_the_skin(kind: str) -> None:
