@@ -356,16 +356,16 @@ def _of_two_grains(material: Material) -> tuple[Parameter, ...]:
 def _of_band(grain: int, height: str, middle: str, half_width: str) -> tuple[Parameter, ...]:
     return (
         Parameter(
-            height, "", 0.0, 0.1, -1.5, 1.5, label=f"ln τ₀ of the band, grain {grain}",
+            height, "", 0.0, 0.1, -1.5, 1.5, label=f"ln τ₀ of the band in grain {grain}",
             key=f"material.{height}",
         ),
         Parameter(
-            middle, "", 0.0, 0.5, -1.0, 1.0, label=f"middle of the band, grain {grain}",
+            middle, "", 0.0, 0.5, -1.0, 1.0, label=f"middle of the band along grain {grain}, −1 to 1",
             key=f"material.{middle}",
         ),
         Parameter(
             half_width, "", 0.25, 0.5, 0.05, 1.0, True,
-            label=f"half width of the band, grain {grain}", key=f"material.{half_width}",
+            label=f"width of the band in lengths of grain {grain}", key=f"material.{half_width}",
             admissible=POSITIVE,
         ),
     )  # fmt: skip

@@ -55,8 +55,12 @@ def refits_of_likely(
     lost = large and newton(objective, baseline)[1] > LOST
     best: list[Refit] = []
     if chosen and not lost:
-        logger.info(f"refitting {_listed(chosen)}")
-        refits = refit_causes(chosen, screening, baseline, objective, executor)
+        # What lies somewhere has begun where it shows, which its null says nothing of.
+        placed = {refit.cause for refit in afar if refit.cause.places}
+        begun = [s for s in chosen if s.cause not in placed]
+        if begun:
+            logger.info(f"refitting {_listed(begun)}")
+        refits = refit_causes(begun, screening, baseline, objective, executor)
         best = best_of_each([*refits, *(r for r in afar if r.cause in [s.cause for s in chosen])])
     if large and tried and not _explained(baseline, best):
         soft = refit_by_noise_continuation(

@@ -70,6 +70,19 @@ def test_from_a_baseline_that_is_lost_no_refit_begins() -> None:
     assert found[0].fit.best.chi_load < 1.3 < LARGE < baseline.best.chi_load
 
 
+def test_what_lies_somewhere_is_not_refitted_from_its_null_beside_where_it_shows() -> None:
+    objective, baseline, augmented, tried = large_effect("Q", 60.0)
+    (done,) = refits_of_likely(tried[:1], (), augmented, baseline.best, objective, 1, CREW)
+    placed = replace(tried[0], cause=replace(tried[0].cause, places=(-0.5, 0.5)))
+    of_place = replace(done, cause=placed.cause)
+    with patch.object(candidate_selection, "refit_causes", return_value=[]) as begun:
+        found = refits_of_likely([placed], [of_place], augmented, baseline.best, objective, 1, CREW)
+        assert begun.call_args_list[0].args[0] == [] and found == [of_place]
+        begun.reset_mock()
+        refits_of_likely([placed], (), augmented, baseline.best, objective, 1, CREW)
+        assert begun.call_args_list[0].args[0] == [placed]
+
+
 def test_a_large_effect_that_refits_from_the_baseline_explain_needs_no_soft_loads() -> None:
     objective, baseline, augmented, tried = large_effect("Q", 60.0)
     assert baseline.best.chi_load > LARGE
