@@ -360,8 +360,8 @@ def _of_band(grain: int, height: str, middle: str, half_width: str) -> tuple[Par
             key=f"material.{height}",
         ),
         Parameter(
-            middle, "", 0.0, 0.5, -1.0, 1.0, label=f"middle of the band along grain {grain}, −1 to 1",
-            key=f"material.{middle}",
+            middle, "", 0.0, 0.5, -1.0, 1.0, key=f"material.{middle}",
+            label=f"middle of the band along grain {grain}, −1 to 1",
         ),
         Parameter(
             half_width, "", 0.25, 0.5, 0.05, 1.0, True,
