@@ -32,7 +32,7 @@ REPEATS = 5
 PAIR_LEVEL = 10.0
 OUTSIDE_LEVELS = (14.0, 22.0)  # by the ruler, where the effect can be as large
 OUTSIDE_EFFECTS = ("soft_slice", "notch", "creep", "lens", "blister", "slip_band")
-DESCRIBED = {"soft_slice": "heterogeneity_grain2"}
+DESCRIBED = {"soft_slice": "band_grain2"}
 """Those of them that a cause has described since; their trials have kept their places."""
 LOAD_NOISE_RATIOS = (0.7, 1.3)  # true over stated
 JITTER_NM = (0.3, 1.0)

@@ -73,6 +73,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("solver_adapters.later_grains",),
     (
         "solver_adapters.crystal",
+        "solver_adapters.inside_grain",
         "solver_adapters.kernels",
         "solver_adapters.parameter",
         "solver_adapters.profile",

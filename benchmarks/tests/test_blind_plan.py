@@ -150,4 +150,4 @@ def test_every_miss_has_a_reason_and_a_hit_has_none() -> None:
     assert "not among the refits" in miss_of(line("cause", truth, [["tilt_drift"]], "named"))
     assert miss_of(line("outside", ["notch"], [["tilt_drift"]], "named")) == "outside, yet named"
     assert miss_of(line("outside", ["soft_slice"], [["tilt_drift"]], "named")) != ""
-    assert miss_of(line("outside", ["soft_slice"], [["heterogeneity_grain2"]], "named")) == ""
+    assert miss_of(line("outside", ["soft_slice"], [["band_grain2"]], "named")) == ""

@@ -49,10 +49,12 @@ class _Task:
     Attributes:
         refit: the refit, under the correction at the baseline.
         finer: the finer model, its orientations those of the refit.
+        most: largest number of iterations.
     """
 
     refit: Refit
     finer: ForwardModel
+    most: int = _MOST
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,6 +192,21 @@ def _tell(before: Refit, after: Refit, failed: Failure | None) -> None:
         logger.info(f"  {name}: log evidence {evidence:+.1f} → {after.log_evidence:+.1f}")
 
 
+def corrected_refit(
+    refit: Refit, finer: ForwardModel, baseline: Evaluation, most: int
+) -> Refit | Failure:
+    """Return a refit under the correction where it stands, or why there is none.
+
+    Args:
+        refit: the refit.
+        finer: the finer model, its orientations those of the refit.
+        baseline: the baseline at its optimum.
+        most: largest number of iterations.
+    """
+    end = _corrected(_Task(refit, finer, most))
+    return end if isinstance(end, Failure) else _at_its_end(refit, end, baseline)
+
+
 @quiet()
 def _corrected(task: _Task) -> _End | Failure:
     """Return a refit under the correction where it stands, or why there is none."""
@@ -207,7 +224,7 @@ def _corrected(task: _Task) -> _End | Failure:
     )
     if isinstance(change, Failure):
         return change
-    return _End(change, fit_from(at.best, _under(change, refit), _MOST, TOLERANCE))
+    return _End(change, fit_from(at.best, _under(change, refit), task.most, TOLERANCE))
 
 
 def _at_its_end(refit: Refit, end: _End, baseline: Evaluation) -> Refit:
@@ -217,7 +234,16 @@ def _at_its_end(refit: Refit, end: _End, baseline: Evaluation) -> Refit:
 
 def _under(change: Correction, refit: Refit) -> Objective:
     """Return the objective of a refit with the correction at its own end."""
-    objective = with_prior(refit.objective, refit.cause)
+    return under(change, with_prior(refit.objective, refit.cause))
+
+
+def under(change: Correction, objective: Objective) -> Objective:
+    """Return an objective with another correction.
+
+    Args:
+        change: finer minus working prediction elsewhere.
+        objective: the objective.
+    """
     # What the second mesh adds is that at the baseline: small beside what this changes.
     whole = change.with_second(objective.second).completed_by(objective.correction)
     return replace(objective, correction=whole)

@@ -9,10 +9,11 @@ that the derivative holds has nothing to say beside it. Of a cause with a kink a
 nowhere: that one is always looked at, a third of a prior scale off its null as well, and counts
 there however small it is.
 
-The derivative of a band across a grain is that of one place. Where something is wrong the band is
-looked at in several, one simulation each, whatever its derivative says; from the one that shows
-most it is refitted, and its middle and its width are found by the data: as many degrees of freedom
-count in its significance.
+The derivative of a band across a grain is that of one place, and so is what it says of the
+correction. Where something is wrong the band is looked at in several, under the correction taken
+there where it promises something; from the one that shows most it is refitted, and again under the
+correction at its end until that settles. Its middle and its width are found by the data: as many
+degrees of freedom count in its significance.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -30,18 +32,24 @@ from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.causes.noise_causes import COVARIANCE
+from driver.diagnosis.search.candidate_correction import corrected_refit, under
 from driver.diagnosis.search.refit import (
     FAR,
     MOST_FROM_AFAR,
     Executor,
     Start,
+    freed_with,
     refit_from,
+    refit_line,
+    refit_of,
     with_prior,
 )
 from driver.diagnosis.statistics.bayes_factor import amounts_of
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, score, significance
 from driver.diagnosis.statistics.screening import off_by_meshes
+from driver.forward.model import ForwardModel
 from driver.forward.prediction import Prediction
+from driver.identification.correction import correction
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.priors import FREED_WIDTH
@@ -54,6 +62,8 @@ HOPEFUL = 0.5  # of the best log evidence of any cause so far, which a side has 
 BESIDE_A_KINK = 1.0 / 3.0
 """Prior scales: of a lag 1 s, beyond the half second in which its rate changes (`load_at`)."""
 _MOST = 7.0  # prior scales with which a refit of what lies somewhere begins: a factor of two in τ₀
+_CORRECTIONS = 3  # of the refit of what lies somewhere
+_SETTLED = 1.0  # change of the log evidence by the last of them
 _SURE = 2.0  # standard deviations by which an amount is known
 _LOOKS = 2  # either side
 _REFITS = 1  # where a refit ends
@@ -82,6 +92,7 @@ class _Task:
         near: its score, to first order.
         here: the fit that is examined.
         objective: its objective.
+        finer: the finer model behind its correction.
         family: number of tries.
         variance: of whitened numbers along the causes.
         least: log evidence that a side has to promise for a refit.
@@ -90,6 +101,7 @@ class _Task:
     near: Score
     here: Fit
     objective: Objective
+    finer: ForwardModel
     family: int
     variance: float
     least: float
@@ -118,19 +130,18 @@ class _Side:
         amount: how far off, in prior scales.
         at: evaluation there.
         score: of the cause, by the change from the fit to there.
-        begin: every parameter where a refit begins.
     """
 
     amount: float
     at: Evaluation
     score: Score
-    begin: dict[str, float]
 
 
 def finite_step_scores(
     scores: Sequence[Score],
     here: Fit,
     objective: Objective,
+    finer: ForwardModel,
     variance: float,
     accepted: bool,
     executor: Executor,
@@ -141,12 +152,14 @@ def finite_step_scores(
     come where something is wrong (the tests reject, or a cause is seen by its derivative or from
     afar) and their derivative does not make them lead, or they lie somewhere. Each costs two
     simulations, one where its parameter is an instrument's, or one for each of its places, and a
-    refit where they promise something beside the best cause so far.
+    finer one where that promises something. A refit follows where they promise something beside the
+    best cause so far.
 
     Args:
         scores: of all causes, to first order.
         here: the fit that is examined.
         objective: its objective.
+        finer: the finer model behind its correction.
         variance: of whitened numbers along the causes, 1 for noise alone.
         accepted: whether the tests of the residual against no particular cause accept.
         executor: who looks, cause by cause.
@@ -162,7 +175,7 @@ def finite_step_scores(
     def looked(bent: Sequence[Score], before: int, rivals: Sequence[Score]) -> list[_Look]:
         family = len(scores) + before + _tries(bent)
         least = max([WORTH, *(HOPEFUL * s.log_evidence for s in rivals)])
-        tasks = [_Task(near, here, objective, family, variance, least) for near in bent]
+        tasks = [_Task(near, here, objective, finer, family, variance, least) for near in bent]
         if tasks:
             logger.info(f"looking from afar at {', '.join(near.cause.name for near in bent)}")
 
@@ -208,21 +221,23 @@ def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
     """Return the score of a cause from where it shows best, and its refits."""
     near, fitted = task.near, task.here
     extended = with_prior(task.objective, near.cause)
-    sides = [_scored(task, extended, at, n) for at, n in _sides(near, fitted, extended) if n]
+    if near.cause.places:
+        sides = _places(task, extended)
+    else:
+        sides = [_scored(task, at, n) for at, n in _sides(near, fitted, extended) if n]
     promising = [
         one
         for one in sides
         if (near.cause.places or one.score.estimate[0] * one.amount > 0)
         and _may_be_far(one.score)
-        and chi2_sf(one.score.statistic, one.score.degrees) < PROMISING
+        and _promises(one)
     ]
     scores = [near, *(one.score for one in promising)]
     refits: list[Refit] = []
     worth = [one for one in promising if one.score.log_evidence > task.least]
     if worth:
         begin = max(worth, key=lambda one: one.score.statistic)
-        start = Start(near.cause, extended, begin.begin, None, fitted.best, np.inf, MOST_FROM_AFAR)
-        for refit in refit_from([start], Executor(1, 1)):
+        for refit in _refits(task, extended, begin):
             end = _gained(refit, begin.score, task)
             # What the sides promise the refit has tried.
             scores = [near]
@@ -261,18 +276,76 @@ def _least_amount(cause: Cause) -> float:
     return 0.0 if cause.kinked or cause.places else FAR[0]
 
 
-def _scored(task: _Task, extended: Objective, at: Evaluation, amount: float) -> _Side:
+def _scored(task: _Task, at: Evaluation, amount: float) -> _Side:
     fitted, degrees = task.here.inside(task.objective), task.objective.data.load_degrees
     change = (fitted.residual - at.residual)[None] / amount
     off = off_by_meshes(task.objective)
     scored = score(task.near.cause, change, fitted, task.family, degrees, task.variance, off)
-    begin = at.values
-    if task.near.cause.places:
-        # Of either sign, and of the size that the change bears.
-        (name,) = task.near.cause.parameters
-        size = np.clip(scored.estimate[0], -_MOST, _MOST) * extended.parameters[name].width
-        begin = begin | {name: extended.parameters[name].value(size, extended.prior[name][0])}
-    return _Side(amount, at, scored, begin)
+    return _Side(amount, at, scored)
+
+
+def _places(task: _Task, extended: Objective) -> list[_Side]:
+    """Return the fit with a cause off its null in each of its places.
+
+    Where that promises something it is seen again under the correction there, that of the fit being
+    of no band, and its derivative of one in the middle of the grain.
+    """
+    cause, fitted = task.near.cause, task.here.best
+    (name,), where = cause.parameters, cause.companions[0]
+    parameter, model = extended.parameters[name], extended.warm_started_from(fitted).model
+    off = parameter.value(-FAR[-1] * parameter.width, extended.prior[name][0])
+
+    def seen(place: float) -> _Side:
+        values = fitted.values | {name: off, where: place}
+        at = model.predict(values, ())
+        side = _scored(task, extended.compare(at, values, ()), -FAR[-1])
+        if not _promises(side):
+            return side
+        change = correction(model, task.finer, at, values, near=extended.correction)
+        return _scored(task, under(change, extended).compare(at, values, ()), -FAR[-1])
+
+    sides = []
+    for place in cause.places:
+        side = attempt(partial(seen, place))
+        if isinstance(side, Failure):
+            logger.info(f"  {where} = {place:g} cannot be simulated ({side.why})")
+        else:
+            sides.append(side)
+    return sides
+
+
+def _promises(side: _Side) -> bool:
+    return bool(chi2_sf(side.score.statistic, side.score.degrees) < PROMISING)
+
+
+def _refits(task: _Task, extended: Objective, begin: _Side) -> list[Refit]:
+    """Return the refit of a cause from the side that promises most; none if it is given up."""
+    cause, fitted = task.near.cause, task.here.best
+    if not cause.places:
+        start = Start(cause, extended, begin.at.values, None, fitted, np.inf, MOST_FROM_AFAR)
+        return refit_from([start], Executor(1, 1))
+    # Of either sign, and of the size that the change bears.
+    (name,) = cause.parameters
+    size = np.clip(begin.score.estimate[0], -_MOST, _MOST) * extended.parameters[name].width
+    values = begin.at.values | {
+        name: extended.parameters[name].value(float(size), extended.prior[name][0])
+    }
+    free, beside = freed_with(fitted, cause), extended.warm_started_from(fitted)
+    first = attempt(lambda: beside.evaluate(values, free))
+    if isinstance(first, Failure):
+        logger.info(f"  {cause.name}: a start is given up, for it cannot be simulated")
+        return []
+    refit = refit_of(cause, extended, Fit(first, False, "where it was looked at", ()), fitted)
+    for _ in range(_CORRECTIONS):
+        after = corrected_refit(refit, task.finer, fitted, MOST_FROM_AFAR)
+        if isinstance(after, Failure):
+            logger.info(f"  {cause.name}: given up, for it cannot be simulated ({after.why})")
+            return []
+        before, refit = refit, after
+        if abs(after.log_evidence - before.log_evidence) < _SETTLED:
+            break
+    logger.info(refit_line(refit))
+    return [refit]
 
 
 def _gained(refit: Refit, side: Score, task: _Task) -> Score:
@@ -309,13 +382,9 @@ def _sides(near: Score, here: Fit, extended: Objective) -> list[tuple[Evaluation
     (name,) = near.cause.parameters
     null, parameter = extended.prior[name][0], extended.parameters[name]
     steps = (BESIDE_A_KINK, FAR[-1]) if near.cause.kinked else (FAR[-1],)
-    looks: list[tuple[float, dict[str, float]]]
-    looks = [(sign * step, {}) for step in steps for sign in (1.0, -1.0)]
-    if near.cause.places:
-        looks = [(-FAR[-1], {near.cause.companions[0]: place}) for place in near.cause.places]
+    amounts = [sign * step for step in steps for sign in (1.0, -1.0)]
     off = [
-        here.values | {name: parameter.value(amount * parameter.width, null)} | where
-        for amount, where in looks
+        here.values | {name: parameter.value(amount * parameter.width, null)} for amount in amounts
     ]
     ends = []
     for values, prediction in zip(off, _predicted(name, off, here, extended), strict=True):

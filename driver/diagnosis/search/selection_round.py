@@ -115,7 +115,7 @@ def examine(
         # Where both meshes agree on a finding, looks follow at the fit with both alone.
         if both is None or _beyond(both):
             near = _significant(seen.scores)
-            seen = _looked(seen, here, objective, executor)
+            seen = _looked(seen, here, objective, finer, executor)
             if _significant(seen.scores) - near:
                 both = held_against_both(
                     finer, here, objective, seen.scores, seen.tests.accepted, seen.widened,
@@ -132,7 +132,7 @@ def examine(
                 better = both.second.is_better
                 logger.info(f"  with the {'smaller cells' if better else 'mean of both meshes'}:")
                 seen = _first_order(here, objective, candidates, screening, settings, stops)
-                seen = _looked(seen, here, objective, executor)
+                seen = _looked(seen, here, objective, finer, executor)
         if lost is None or lost.passed:
             likely = refits_of_likely(
                 seen.scores, seen.afar, screening, here.best, objective, settings.refit, executor
@@ -225,10 +225,12 @@ def _first_order(
     return _Seen(scores, (), float(np.sqrt(variance)), tests, noise)
 
 
-def _looked(seen: _Seen, here: Fit, objective: Objective, executor: Executor) -> _Seen:
+def _looked(
+    seen: _Seen, here: Fit, objective: Objective, finer: FineModels, executor: Executor
+) -> _Seen:
     """Return what is seen, from afar as well."""
     finite = finite_step_scores(
-        seen.scores, here, objective, seen.widened**2, seen.tests.accepted, executor
+        seen.scores, here, objective, finer.one, seen.widened**2, seen.tests.accepted, executor
     )
     return replace(seen, scores=finite.scores, afar=tuple(finite.refits))
 

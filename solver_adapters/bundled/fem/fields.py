@@ -21,13 +21,12 @@ from solver_adapters.bundled.fem.element import (
     shape_gradients,
 )
 from solver_adapters.bundled.fem.initial import (
-    band_factor,
     depth_share,
     initial_state,
-    mode_factor,
     skin_factor,
     surface_distance,
 )
+from solver_adapters.inside_grain import band_factor, mode_factor, standardised
 from solver_adapters.interface import Direction, Simulation
 from solver_adapters.material import TAU0_BANDS, TAU0_MODES
 
@@ -167,12 +166,11 @@ def _factor_inside(simulation: Simulation, values: Mapping[str, Any], points: _P
     inside = list(zip(TAU0_MODES, TAU0_BANDS, strict=True))[: mesh.n_grains]
     for number, of_grain in enumerate(inside):
         modes, band = ([values[name] for name in names] for names in of_grain)
+        if not any(value != 0.0 for value in (*modes, band[0])):
+            continue
         here = grain == number
-        x, y, _ = points.position[here].T
-        if any(mode != 0.0 for mode in modes):
-            factor[here] *= mode_factor(modes, x, y, points.volume[here])
-        if band[0] != 0.0:
-            factor[here] *= band_factor(band, y, points.volume[here])
+        xi, eta = (standardised(at, points.volume[here]) for at in points.position[here, :2].T)
+        factor[here] = mode_factor(modes, eta, xi) * band_factor(band, eta)
     return factor
 
 

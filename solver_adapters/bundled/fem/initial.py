@@ -6,7 +6,6 @@ Every function takes complex numbers: the imaginary part carries a derivative wi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -87,42 +86,6 @@ def depth_share(z: AnyArray, volume: AnyArray) -> AnyArray:
 def skin_factor(ratio: Any, thickness: Any, distance: AnyArray) -> AnyArray:
     """Factor on τ0 at a distance [µm] from the free surface, see `Material.skin_tau0`."""
     return np.asarray(1.0 + (ratio - 1.0) * np.exp(-distance / thickness))
-
-
-def mode_factor(modes: Sequence[Any], x: AnyArray, y: AnyArray, volume: AnyArray) -> AnyArray:
-    """Factor on τ0 at the points of a grain, see `Material.tau0_grain1_slope_Y`.
-
-    The bend is the second Legendre polynomial: in a uniform bar the modes are orthogonal.
-
-    Args:
-        modes: slope along Y, bend along Y, slope along X of ln τ0.
-        x: where the points of the grain lie along X [µm], (n_points,).
-        y: where they lie along Y [µm], (n_points,).
-        volume: their volumes [µm³], (n_points,).
-    """
-    slope_y, bend_y, slope_x = modes
-    eta, xi = _standardised(y, volume), _standardised(x, volume)
-    exponent = slope_y * eta + bend_y * 0.5 * (3.0 * eta**2 - 1.0) + slope_x * xi
-    return np.asarray(np.exp(exponent))
-
-
-def band_factor(band: Sequence[Any], y: AnyArray, volume: AnyArray) -> AnyArray:
-    """Factor on τ0 at the points of a grain, see `Material.tau0_grain1_band`.
-
-    Args:
-        band: ln τ0 in its middle, where that is along the grain, half of its width.
-        y: where the points of the grain lie along Y [µm], (n_points,).
-        volume: their volumes [µm³], (n_points,).
-    """
-    height, middle, half_width = band
-    off = (_standardised(y, volume) - middle) / half_width
-    return np.asarray(np.exp(height * 0.5 ** (off**4)))
-
-
-def _standardised(coordinate: AnyArray, volume: AnyArray) -> AnyArray:
-    """Distance from the mean over √3 standard deviations, −1 to 1 in a uniform bar."""
-    off = coordinate - (volume @ coordinate) / volume.sum()
-    return np.asarray(off / np.sqrt(3.0 * (volume @ off**2) / volume.sum()))
 
 
 def surface_distance(points: AnyArray, corners: AnyArray) -> AnyArray:

@@ -21,6 +21,7 @@ from driver.diagnosis.search.selection_round import examine
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, effects_of
 from driver.diagnosis.statistics.screening import screen, screened
 from driver.experiment.history import History, turning_points
+from driver.forward.model import ForwardModel
 from driver.identification.correction import Correction, SecondMesh
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
@@ -107,7 +108,15 @@ def first_order(fitted: Fit, objective: Objective, wanted: Sequence[str]) -> Exa
 
 
 def look(at: Examined, accepted: bool = True) -> FiniteStepScores:
-    return finite_step_scores(at.scores, at.fit, at.objective, 1.0, accepted, Executor(1, 1))
+    return finite_step_scores(
+        at.scores, at.fit, at.objective, finer_of(at), 1.0, accepted, Executor(1, 1)
+    )
+
+
+def finer_of(at: Examined) -> ForwardModel:
+    solver = at.objective.model.adapter
+    assert isinstance(solver, ClosedFormSolver)
+    return replace(at.objective.model, adapter=type(solver)(0.001))
 
 
 def with_scores(at: Examined, *changed: Score) -> Examined:
@@ -236,9 +245,9 @@ def test_a_side_that_puts_a_cause_where_its_derivative_holds_promises_nothing(
     scored, near = finite_step_score._scored, _of(hidden.scores, "non_schmid")
 
     def at_0_4(
-        task: finite_step_score._Task, extended: Objective, at: Evaluation, amount: float
+        task: finite_step_score._Task, at: Evaluation, amount: float
     ) -> finite_step_score._Side:
-        side = scored(task, extended, at, amount)
+        side = scored(task, at, amount)
         estimate = np.array([np.copysign(0.4, amount)])
         known = replace(side.score, estimate=estimate, sigma=np.array([sigma]))
         return replace(side, score=known)
@@ -264,7 +273,7 @@ def test_looks_side_by_side_see_what_looks_one_after_the_other_see(hidden: Exami
     twin = replace(near, cause=replace(near.cause, name="twin"))
     at = with_scores(hidden, twin)
     one, two = (
-        finite_step_scores(at.scores, at.fit, at.objective, 1.0, True, Executor(n, 1))
+        finite_step_scores(at.scores, at.fit, at.objective, finer_of(at), 1.0, True, Executor(n, 1))
         for n in (1, 2)
     )
     assert [s.log_evidence for s in two.scores] == [s.log_evidence for s in one.scores]

@@ -1,0 +1,121 @@
+"""Critical stress along each grain in which a fit lets it vary, with its uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from driver.identification.fit import Fit
+from meshes.arrays import AnyArray, FloatArray
+from meshes.cells import extent_along_y
+from meshes.prism_mesh import PrismMesh
+from solver_adapters.inside_grain import band_factor, mode_factor
+from solver_adapters.material import TAU0_BANDS, TAU0_MODES
+from solver_adapters.parameter import Parameter
+
+_PLACES = 81
+_STEP = 1e-30  # of a complex step
+
+
+@dataclass(frozen=True)
+class Band:
+    """A band across a grain, in µm.
+
+    Attributes:
+        ratio: τ0 in its middle over that of the rest of the grain, and its standard deviation [-].
+        middle: where its middle lies along Y, and its standard deviation [µm].
+        width: over which a half of ln τ0 is left, and its standard deviation [µm].
+    """
+
+    ratio: tuple[float, float]
+    middle: tuple[float, float]
+    width: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class StressAlongGrain:
+    """Critical stress along one grain, in the middle of its width.
+
+    Attributes:
+        grain: its number, from 1.
+        y: places along Y [µm], shape (n,).
+        ratio: factor on the τ0 of the grain there [-], shape (n,).
+        sigma: standard deviation of the factor [-], shape (n,).
+        band: the band across it, None where there is none.
+    """
+
+    grain: int
+    y: FloatArray
+    ratio: FloatArray
+    sigma: FloatArray
+    band: Band | None
+
+
+def stress_along_grains(
+    mesh: PrismMesh, fitted: Fit, parameters: Mapping[str, Parameter]
+) -> tuple[StressAlongGrain, ...]:
+    """Return the critical stress along the grains in which a fit has freed its modes or its band.
+
+    Args:
+        mesh: of the specimen.
+        fitted: the fit.
+        parameters: declarations by name.
+    """
+    return tuple(_along_grains(mesh, fitted, parameters))
+
+
+def _along_grains(
+    mesh: PrismMesh, fitted: Fit, parameters: Mapping[str, Parameter]
+) -> Iterator[StressAlongGrain]:
+    free, values = fitted.best.free, fitted.values
+    slopes = np.array([parameters[name].slope(values[name]) for name in free])
+    covariance = fitted.covariance * slopes * slopes[:, None]
+    for number, (modes, band) in enumerate(zip(TAU0_MODES, TAU0_BANDS, strict=True)):
+        if not set(free) & {*modes, *band}:
+            continue
+        cells = mesh.cells[mesh.grain == number]
+        mean, half = extent_along_y(mesh.points, cells)
+        ends = mesh.points[cells, 1]
+        y = np.linspace(ends.min(), ends.max(), _PLACES)
+        names = (*modes, *band)
+        at = np.array([values[name] for name in names], dtype=np.complex128)
+        rows = [free.index(name) for name in names if name in free]
+        steps = 1j * _STEP * np.eye(len(names))[[name in free for name in names]]
+        eta = (y - mean) / half
+        changes = np.array([_factor(at + step, eta).imag / _STEP for step in steps])
+        of_these = covariance[np.ix_(rows, rows)]
+        variance = np.einsum("kn,kl,ln->n", changes, of_these, changes)
+        sigma = {name: float(np.sqrt(covariance[k, k])) for k, name in enumerate(free)}
+        yield StressAlongGrain(
+            number + 1,
+            y,
+            _factor(at, eta).real,
+            np.sqrt(variance),
+            _band(band, values, sigma, mean, half),
+        )
+
+
+def _factor(values: AnyArray, eta: FloatArray) -> AnyArray:
+    """Factor on τ0 of modes and band in the middle of the width, (n,)."""
+    modes, band = list(values[:3]), list(values[3:])
+    return mode_factor(modes, eta, np.zeros_like(eta)) * band_factor(band, eta)
+
+
+def _band(
+    names: tuple[str, str, str],
+    values: Mapping[str, float],
+    sigma: Mapping[str, float],
+    mean: float,
+    half: float,
+) -> Band | None:
+    height, middle, half_width = names
+    if height not in sigma:
+        return None
+    ratio = float(np.exp(values[height]))
+    return Band(
+        (ratio, ratio * sigma[height]),
+        (mean + half * values[middle], half * sigma.get(middle, 0.0)),
+        (2.0 * half * values[half_width], 2.0 * half * sigma.get(half_width, 0.0)),
+    )
