@@ -6,8 +6,9 @@ The page is `page`, its head `first_screen` and `verdict`, its numbers `findings
 them in the browser. Figures stand by their subject:
 of free correlation in `measured_maps` and `measured_curves` (listed in `measured_figures`), of the
 grips in `grip_figure`, of models and misfits in `maps` and `figures`, of the fit in
-`history_figures` and `matrix_figures`, of causes in `evidence_figures`; `all_figures` lists those
-of the page. `style` is their look, `vector_files` writes them for a paper.
+`history_figures` and `matrix_figures`, of causes in `evidence_figures`, of the critical stress
+inside grains in `stress_figure`; `all_figures` lists those of the page. `style` is their look,
+`vector_files` writes them for a paper.
 """
 
 # Loaded before anything else loads matplotlib.

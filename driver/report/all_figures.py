@@ -18,6 +18,7 @@ from driver.report import (
     maps,
     matrix_figures,
     slip_figures,
+    stress_figure,
 )
 from driver.report.findings import Findings, Record
 from driver.report.identified_tables import core
@@ -90,6 +91,8 @@ def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
     )  # fmt: skip
     for index, step in enumerate(findings.diagnosis.get("steps", ()), start=1):
         yield f"evidence_{index}", _evidence(step)
+    if stress := findings.diagnosis.get("critical_stress"):
+        yield "critical_stress", stress_figure.critical_stress(stress, names)
     yield from _matrices(findings)
     yield "convergence", _convergence(findings)
 

@@ -312,7 +312,7 @@ _OF_NUMERICS = (
 def _diagnosis(path: Path) -> Record:
     entries = (
         "verdict", "sets", "added", "flips", "whereabouts", "gain", "steps", "bad_loads",
-        "not_examined", "numerics", "warnings", "travel_ratio",
+        "not_examined", "numerics", "warnings", "travel_ratio", "critical_stress",
     )  # fmt: skip
     record = _record(path, entries)
     for entry in _OF_NUMERICS:

@@ -119,6 +119,7 @@ def _diagnosis(findings: Findings) -> Row:
         "places": places,
         "phases": phases,
         "untried": untried(findings),
+        "stress": [grain["text"] for grain in diagnosis["critical_stress"]],
         "rounds": [
             {
                 "number": index,

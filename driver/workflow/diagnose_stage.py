@@ -19,6 +19,7 @@ from driver.diagnosis.answer.residual_localisation import (
     still_missed,
 )
 from driver.diagnosis.answer.result_types import Diagnosis, Settings
+from driver.diagnosis.answer.stress_along_grains import stress_along_grains
 from driver.diagnosis.answer.turned_frame import turned_frame
 from driver.diagnosis.answer.verdict import with_places, with_refinement, with_turned_frame
 from driver.diagnosis.causes.user_causes import user_causes
@@ -184,7 +185,15 @@ def _of_final(final: Fit, problem: IdentificationProblem, moved: tuple[str, ...]
         logger.info(f"  WARNING: {warning}")
     if ratio is not None:
         logger.info(f"  {ratio.sentence()}")
-    return {"warnings": list(warnings), "travel_ratio": None if ratio is None else asdict(ratio)}
+    mesh = problem.working.microstructure.mesh
+    along = stress_along_grains(mesh, final, problem.objective.parameters)
+    for grain in along:
+        logger.info(f"  {grain.sentence()}")
+    return {
+        "warnings": list(warnings),
+        "travel_ratio": None if ratio is None else asdict(ratio),
+        "critical_stress": [grain.record() for grain in along],
+    }
 
 
 def _tell(found: Diagnosis, where: ResidualLocalisation, problem: IdentificationProblem) -> None:

@@ -377,6 +377,7 @@ def diagnosis() -> dict[str, Any]:
                      "second_mesh_um": None, "off_by_mesh": {"tau0_grain2": 0.0072}},
         "warnings": ["far off the prior, in widths of it: d by +3.4"],
         "travel_ratio": {"value": 5.1e-4, "sigma": 0.05e-4, "of_phases": 0.9e-4},
+        "critical_stress": [],
         "baseline": _fitted(),
         "extended": _fitted(copy.deepcopy(added).items()),
         "steps": [

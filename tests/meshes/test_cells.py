@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meshes import hex20, tet10
-from meshes.cells import EDGES, outer_triangles
+from meshes.cells import EDGES, extent_along_y, outer_triangles
 from tools.boxes import BOXES
 
 CORNERS = {
@@ -35,6 +35,24 @@ def test_shape_gradients_are_difference_quotients_of_the_shape_functions(n: int)
         high, low = SHAPES[n](spots + step)[0], SHAPES[n](spots - step)[0]
         np.testing.assert_allclose(gradients[:, :, axis], (high - low) / 2e-6, atol=1e-9)
     np.testing.assert_allclose(gradients.sum(axis=1), 0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("kind", BOXES)
+def test_of_a_bar_the_extent_along_y_is_half_of_its_length_whatever_its_cells(kind: str) -> None:
+    mesh = BOXES[kind]((2, 3, 2), (2.0, 5.0, 1.0), 0.2)
+    np.testing.assert_allclose(extent_along_y(mesh.points + [0, 3.0, 0], mesh.cells), [5.5, 2.5])
+
+
+@pytest.mark.parametrize("kind", BOXES)
+def test_of_a_wedge_the_extent_along_y_is_that_of_its_section(kind: str) -> None:
+    """Its height falls to nothing along Y: mean L/3, variance L²/18."""
+    mesh = BOXES[kind]((1, 4, 2), (1.0, 3.0, 1.0), 0.0)
+    points = mesh.points * np.column_stack(
+        [np.ones(len(mesh.points))] * 2 + [1.0 - mesh.points[:, 1] / 3.0]
+    )
+    np.testing.assert_allclose(
+        extent_along_y(points, mesh.cells), [1.0, np.sqrt(3.0 * 9.0 / 18.0)], rtol=1e-3
+    )
 
 
 @pytest.mark.parametrize("kind", BOXES)

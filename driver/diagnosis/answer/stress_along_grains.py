@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from driver.common.formatting import number, with_sigma
 from driver.identification.fit import Fit
 from meshes.arrays import AnyArray, FloatArray
 from meshes.cells import extent_along_y
@@ -52,6 +54,42 @@ class StressAlongGrain:
     sigma: FloatArray
     band: Band | None
 
+    def sentence(self) -> str:
+        """Return where the critical stress is least and largest, and the band, in words."""
+        least, most = int(np.argmin(self.ratio)), int(np.argmax(self.ratio))
+        if self.band is not None:
+            ratio, middle, width = (
+                with_sigma(*found) for found in (self.band.ratio, self.band.middle, self.band.width)
+            )
+            return (
+                f"The band in grain {self.grain} has {ratio} times the critical stress of the rest "
+                f"of the grain, its middle lies at Y = {middle} µm, and it is {width} µm wide."
+            )
+        ends = [
+            f"{with_sigma(self.ratio[k], self.sigma[k])} of it at Y = {number(self.y[k])} µm"
+            for k in (least, most)
+        ]
+        return (
+            f"Along grain {self.grain} the critical stress lies between {ends[0]} and {ends[1]}, "
+            "in the middle of the width."
+        )
+
+    def record(self) -> dict[str, Any]:
+        """Return what `diagnosis.json` holds of it."""
+        band = self.band and {
+            "ratio": list(self.band.ratio),
+            "middle_um": list(self.band.middle),
+            "width_um": list(self.band.width),
+        }
+        return {
+            "grain": self.grain,
+            "text": self.sentence(),
+            "y_um": self.y.tolist(),
+            "ratio": self.ratio.tolist(),
+            "sigma": self.sigma.tolist(),
+            "band": band,
+        }
+
 
 def stress_along_grains(
     mesh: PrismMesh, fitted: Fit, parameters: Mapping[str, Parameter]
@@ -72,10 +110,10 @@ def _along_grains(
     free, values = fitted.best.free, fitted.values
     slopes = np.array([parameters[name].slope(values[name]) for name in free])
     covariance = fitted.covariance * slopes * slopes[:, None]
-    for number, (modes, band) in enumerate(zip(TAU0_MODES, TAU0_BANDS, strict=True)):
+    for index, (modes, band) in enumerate(zip(TAU0_MODES, TAU0_BANDS, strict=True)):
         if not set(free) & {*modes, *band}:
             continue
-        cells = mesh.cells[mesh.grain == number]
+        cells = mesh.cells[mesh.grain == index]
         mean, half = extent_along_y(mesh.points, cells)
         ends = mesh.points[cells, 1]
         y = np.linspace(ends.min(), ends.max(), _PLACES)
@@ -89,10 +127,10 @@ def _along_grains(
         variance = np.einsum("kn,kl,ln->n", changes, of_these, changes)
         sigma = {name: float(np.sqrt(covariance[k, k])) for k, name in enumerate(free)}
         yield StressAlongGrain(
-            number + 1,
+            index + 1,
             y,
             _factor(at, eta).real,
-            np.sqrt(variance),
+            np.sqrt(np.maximum(variance, 0.0)),  # of rounding where nothing is unknown
             _band(band, values, sigma, mean, half),
         )
 

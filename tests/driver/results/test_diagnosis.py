@@ -23,6 +23,7 @@ KEYS = {
         "verdict", "causes", "sets", "text", "next", "added", "flips", "whereabouts", "gain",
         "numerics", "load_noise", "bad_loads", "not_found", "not_examined", "baseline", "extended",
         "steps", "decks", "meshes", "warnings", "travel_ratio",
+        "critical_stress",
     },
     "meshes": {"cells", "mesh_size_um", "fine_mesh_size_um", "refined"},
     "whereabouts": {"text", "before", "after"},
