@@ -364,7 +364,7 @@ def _of_band(grain: int, height: str, middle: str, half_width: str) -> tuple[Par
             label=f"middle of the band along grain {grain}, −1 to 1",
         ),
         Parameter(
-            half_width, "", 0.25, 0.5, 0.05, 1.0, True,
+            half_width, "", 0.25, 0.5, 0.05, 0.5, True,
             label=f"width of the band in lengths of grain {grain}", key=f"material.{half_width}",
             admissible=POSITIVE,
         ),
