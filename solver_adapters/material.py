@@ -81,7 +81,7 @@ class Material:
             the rest of the grain [-], null 0.
         tau0_grain1_band_middle: eta of its middle [-], used only where the band is not 0.
         tau0_grain1_band_half_width: distance in eta over which it falls to a half [-], used only
-            where the band is not 0.
+            where the band is not 0, or sought.
         tau0_grain2_band, tau0_grain2_band_middle, tau0_grain2_band_half_width: the same of the
             second.
         elastic_scale: factor on all elastic constants [-], null 1.

@@ -104,8 +104,8 @@ _CARRIED: Mapping[str, tuple[float, float]] = {
     "skin_tau0": (1e-3, 1e3),
     "skin_thickness_um": (1e-6, 1e6),
     **dict.fromkeys((*sum(TAU0_MODES, ()), *(band[0] for band in TAU0_BANDS)), (-5, 5)),
-    **dict.fromkeys((band[1] for band in TAU0_BANDS), (-2, 2)),
-    **dict.fromkeys((band[2] for band in TAU0_BANDS), (1e-3, 1e3)),
+    **dict.fromkeys((band[1] for band in TAU0_BANDS), (-1, 1)),
+    **dict.fromkeys((band[2] for band in TAU0_BANDS), (0.05, 0.5)),
     **dict.fromkeys(("elastic_scale", "C44_scale"), (1e-3, 1e3)),
 }
 

@@ -16,7 +16,7 @@ _SIGMAS = 2.0  # half of the band of uncertainty, in standard deviations
 
 @styled
 def critical_stress(along: Sequence[Mapping[str, Any]], names: Sequence[str]) -> Figure:
-    """Critical stress along grains over what each has as a whole, with its uncertainty.
+    """Critical stress along grains over that without modes and band, with its uncertainty.
 
     Args:
         along: entries of `critical_stress` of `diagnosis.json`.
@@ -33,7 +33,7 @@ def critical_stress(along: Sequence[Mapping[str, Any]], names: Sequence[str]) ->
         axes.plot(y, ratio, color=colour, label=names[number])
     axes.axhline(1.0, color="black", linewidth=0.8)
     axes.set_xlabel("Y [µm]")
-    axes.set_ylabel("critical stress / that of the grain [1]")
+    axes.set_ylabel("critical stress / that without modes and band [1]")
     axes.legend()
     grid(axes)
     return figure

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from driver.case.model import Case
 from driver.diagnosis.causes.all_causes import every, names
+from driver.diagnosis.causes.causes import Cause
 from driver.experiment.image_sizes import stack_size
 from driver.forward.build import size_of_second_mesh
 from driver.forward.cost import PROCESS_BYTES, simulation_memory, steps_seconds, systems_of
@@ -15,9 +16,9 @@ from solver_adapters.finite_differences import RUNS_PER_DIRECTION
 from solver_adapters.interface import Capabilities
 
 # Simulations of a run: the Gauss–Newton iterations of stages B and C, and with images of A, use
-# this share of their limit each, each refit of a cause needs this many, one that is looked at from
-# afar its sides or places without derivatives in about two rounds, and a finer mesh is run this
-# often where something is found.
+# this share of their limit each. Each refit of a cause needs this many; the sides and places from
+# which causes are looked at from afar are simulated without derivatives, in about two rounds. A
+# finer mesh is run this often where something is found, and once for each place.
 _ITERATION_SHARE = 0.5
 _PER_REFIT = 6
 _SIDES = 2
@@ -86,7 +87,7 @@ def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> C
     exact = not solver.runs_per_direction
     told = (directions, directions, directions + causes) if exact and case.with_images else ()
 
-    runs = (*told, *(0,) * (_FINE_RUNS - len(told)))
+    runs = (*told, *(0,) * (_FINE_RUNS + _places(case) - len(told)))
     size = case.specimen.fine_mesh_size
     fine, second = correction_seconds(case, solver, n_cells, n_images, size, runs), 0.0
     first = correction_seconds(case, solver, n_cells, n_images, size, runs[:_CORRECTIONS])
@@ -188,10 +189,18 @@ def _causes(case: Case) -> int:
     )
 
 
+def _places(case: Case) -> int:
+    """How many places a cause may be looked for in."""
+    return sum(len(cause.places) for cause in _of_library(case))
+
+
 def _looks(case: Case) -> int:
     """How many looks from afar a round may have."""
+    return _places(case) + _SIDES * sum(cause.strongly_nonlinear for cause in _of_library(case))
+
+
+def _of_library(case: Case) -> list[Cause]:
+    """Those causes of the library that a case asks for."""
     n_grains, stated = len(case.grains), case.diagnosis.causes
     asked = names(n_grains) if stated == "all" else stated
-    of_library = [cause for cause in every(n_grains) if cause.name in asked]
-    sides = _SIDES * sum(cause.strongly_nonlinear for cause in of_library)
-    return sides + sum(len(cause.places) for cause in of_library)
+    return [cause for cause in every(n_grains) if cause.name in asked]

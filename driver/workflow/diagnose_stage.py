@@ -185,7 +185,7 @@ def _of_final(final: Fit, problem: IdentificationProblem, moved: tuple[str, ...]
         logger.info(f"  WARNING: {warning}")
     if ratio is not None:
         logger.info(f"  {ratio.sentence()}")
-    mesh = problem.working.microstructure.mesh
+    mesh = problem.working.microstructure.moved_mesh(final.values)
     along = stress_along_grains(mesh, final, problem.objective.parameters)
     for grain in along:
         logger.info(f"  {grain.sentence()}")

@@ -377,7 +377,7 @@ def diagnosis() -> dict[str, Any]:
                      "second_mesh_um": None, "off_by_mesh": {"tau0_grain2": 0.0072}},
         "warnings": ["far off the prior, in widths of it: d by +3.4"],
         "travel_ratio": {"value": 5.1e-4, "sigma": 0.05e-4, "of_phases": 0.9e-4},
-        "critical_stress": [],
+        "critical_stress": [_band()],
         "baseline": _fitted(),
         "extended": _fitted(copy.deepcopy(added).items()),
         "steps": [
@@ -392,6 +392,14 @@ def diagnosis() -> dict[str, Any]:
                 "causes": _causes((), ("grain_contrast",)),
             },
         ],
+    }  # fmt: skip
+
+
+def _band() -> dict[str, Any]:
+    return {
+        "grain": 2, "text": "The band in grain 2 has 0.70 ± 0.04 times the critical stress.",
+        "y_um": [6.0, 8.0, 10.0], "ratio": [1.0, 0.7, 1.0], "sigma": [0.0, 0.04, 0.0],
+        "band": {"ratio": [0.7, 0.04], "middle_um": [8.0, 0.1], "width_um": [1.5, 0.3]},
     }  # fmt: skip
 
 

@@ -26,7 +26,7 @@ class Band:
     """A band across a grain, in µm.
 
     Attributes:
-        ratio: τ0 in its middle over that of the rest of the grain, and its standard deviation [-].
+        ratio: τ0 in its middle over that without it, and its standard deviation [-].
         middle: where its middle lies along Y, and its standard deviation [µm].
         width: over which a half of ln τ0 is left, and its standard deviation [µm].
     """
@@ -42,7 +42,7 @@ class StressAlongGrain:
 
     Attributes:
         grain: its number, from 1.
-        y: places along Y [µm], shape (n,).
+        y: places along Y from one end of the grain to the other, at any depth [µm], shape (n,).
         ratio: factor on the τ0 of the grain there [-], shape (n,).
         sigma: standard deviation of the factor [-], shape (n,).
         band: the band across it, None where there is none.
@@ -62,8 +62,9 @@ class StressAlongGrain:
                 with_sigma(*found) for found in (self.band.ratio, self.band.middle, self.band.width)
             )
             return (
-                f"The band in grain {self.grain} has {ratio} times the critical stress of the rest "
-                f"of the grain, its middle lies at Y = {middle} µm, and it is {width} µm wide."
+                f"The band in grain {self.grain} has {ratio} times the critical stress that the "
+                f"grain would have there without it, its middle lies at Y = {middle} µm, and it is "
+                f"{width} µm wide."
             )
         ends = [
             f"{with_sigma(self.ratio[k], self.sigma[k])} of it at Y = {number(self.y[k])} µm"
@@ -97,7 +98,7 @@ def stress_along_grains(
     """Return the critical stress along the grains in which a fit has freed its modes or its band.
 
     Args:
-        mesh: of the specimen.
+        mesh: of the specimen, its nodes where the fit has them.
         fitted: the fit.
         parameters: declarations by name.
     """
@@ -111,7 +112,7 @@ def _along_grains(
     slopes = np.array([parameters[name].slope(values[name]) for name in free])
     covariance = fitted.covariance * slopes * slopes[:, None]
     for index, (modes, band) in enumerate(zip(TAU0_MODES, TAU0_BANDS, strict=True)):
-        if not set(free) & {*modes, *band}:
+        if not set(free) & {*modes[:2], band[0]}:  # the slope along X changes nothing here
             continue
         cells = mesh.cells[mesh.grain == index]
         mean, half = extent_along_y(mesh.points, cells)

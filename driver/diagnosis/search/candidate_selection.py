@@ -51,12 +51,13 @@ def refits_of_likely(
     """
     tried = [s for s in scores if s.cause not in (NUMERICS, *COVARIANCE) and s.degrees]
     chosen, large = to_refit(tried, most), baseline.chi_load > LARGE
+    # What lies somewhere has begun where it shows, of which its null says nothing, and has a
+    # correction of its own, by which others are not to be measured.
+    placed = {refit.cause for refit in afar if refit.cause.places}
     # Where the baseline itself has come to no end no derivative holds.
     lost = large and newton(objective, baseline)[1] > LOST
     best: list[Refit] = []
     if chosen and not lost:
-        # What lies somewhere has begun where it shows, which its null says nothing of.
-        placed = {refit.cause for refit in afar if refit.cause.places}
         begun = [s for s in chosen if s.cause not in placed]
         if begun:
             logger.info(f"refitting {_listed(begun)}")
@@ -69,16 +70,16 @@ def refits_of_likely(
         best = best_of_each([*best, *afar, *soft])
     every = (large and not lost) or bool(best and not _explained(baseline, best))
     if every:
-        known = {refit.cause for refit in best}
+        known = {refit.cause for refit in best} | placed
         others = [s for s in tried if s.cause not in known]
         logger.info(f"a large effect, or one half explained: refitting {_listed(others)}")
-        threshold = cost_to_promise(best, baseline)
+        threshold = cost_to_promise([r for r in best if r.cause not in placed], baseline)
         more = refit_causes(others, screening, baseline, objective, executor, threshold)
         best = best_of_each([*best, *afar, *more])
     bent = bool(best) and not large and _bent(best[0], scores)
     if bent:
         # Scores tell no more in which order refits come, nor do first steps what they gain.
-        known = {refit.cause for refit in best}
+        known = {refit.cause for refit in best} | placed
         others = [s for s in tried if s.cause not in known and s.p < NAMING_LEVEL]
         if others:
             logger.info(f"the best is another one than its score: refitting {_listed(others)}")
@@ -90,10 +91,10 @@ def refits_of_likely(
     # Soft loads were another start than a baseline that is lost.
     far = every if large else bent
     leading = {r.cause.name for r in best[:most]} if far else set()
-    again = [s for s in tried if s.cause.name in stalled | leading]
+    again = [s for s in tried if s.cause.name in stalled | leading and s.cause not in placed]
     if again:
         logger.info(f"from other starts: {_listed(again)}")
-        threshold = cost_to_promise(best, baseline)
+        threshold = cost_to_promise([r for r in best if r.cause not in placed], baseline)
         best = best_of_each(
             [*best, *refit_from_afar(again, baseline, objective, executor, threshold)]
         )

@@ -12,8 +12,8 @@ there however small it is.
 The derivative of a band across a grain is that of one place, and so is what it says of the
 correction. Where something is wrong the band is looked at in several, under the correction taken
 there where it promises something; from the one that shows most it is refitted, and again under the
-correction at its end until that settles. Its middle and its width are found by the data: as many
-degrees of freedom count in its significance.
+correction at its end until that settles. Its middle and its width are found by the data as well:
+they are two more degrees of freedom in its significance.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -38,6 +37,7 @@ from driver.diagnosis.search.refit import (
     MOST_FROM_AFAR,
     Executor,
     Start,
+    added_by,
     freed_with,
     refit_from,
     refit_line,
@@ -49,10 +49,9 @@ from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, s
 from driver.diagnosis.statistics.screening import off_by_meshes
 from driver.forward.model import ForwardModel
 from driver.forward.prediction import Prediction
-from driver.identification.correction import correction
+from driver.identification.correction import Correction, correction
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
-from driver.identification.priors import FREED_WIDTH
 from meshes.arrays import FloatArray
 
 logger = logging.getLogger(__name__)
@@ -62,7 +61,7 @@ HOPEFUL = 0.5  # of the best log evidence of any cause so far, which a side has 
 BESIDE_A_KINK = 1.0 / 3.0
 """Prior scales: of a lag 1 s, beyond the half second in which its rate changes (`load_at`)."""
 _MOST = 7.0  # prior scales with which a refit of what lies somewhere begins: a factor of two in τ₀
-_CORRECTIONS = 3  # of the refit of what lies somewhere
+CORRECTIONS_OF_A_PLACE = 4
 _SETTLED = 1.0  # change of the log evidence by the last of them
 _SURE = 2.0  # standard deviations by which an amount is known
 _LOOKS = 2  # either side
@@ -235,6 +234,8 @@ def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
     scores = [near, *(one.score for one in promising)]
     refits: list[Refit] = []
     worth = [one for one in promising if one.score.log_evidence > task.least]
+    if near.cause.places:
+        scores = [near]  # a place alone has neither the evidence nor the size of its refit
     if worth:
         begin = max(worth, key=lambda one: one.score.statistic)
         for refit in _refits(task, extended, begin):
@@ -285,32 +286,46 @@ def _scored(task: _Task, at: Evaluation, amount: float) -> _Side:
 
 
 def _places(task: _Task, extended: Objective) -> list[_Side]:
-    """Return the fit with a cause off its null in each of its places.
+    """Return the fit with a cause off its null in each of its places, or where the case states it.
 
-    Where that promises something it is seen again under the correction there, that of the fit being
-    of no band, and its derivative of one in the middle of the grain.
+    Where that promises something it is seen again under the correction there: that of the fit knows
+    no band, and its derivative is that of one place.
     """
-    cause, fitted = task.near.cause, task.here.best
+    cause, fitted = task.near.cause, task.here
     (name,), where = cause.parameters, cause.companions[0]
-    parameter, model = extended.parameters[name], extended.warm_started_from(fitted).model
-    off = parameter.value(-FAR[-1] * parameter.width, extended.prior[name][0])
+    null, parameter = extended.prior[name][0], extended.parameters[name]
+    model = extended.warm_started_from(fitted.best).model
+    off = parameter.value(-FAR[-1] * parameter.width, null)
+    places = cause.places if null == 0.0 else (fitted.values[where],)
+    every = [fitted.values | {name: off, where: place} for place in places]
 
-    def seen(place: float) -> _Side:
-        values = fitted.values | {name: off, where: place}
-        at = model.predict(values, ())
-        side = _scored(task, extended.compare(at, values, ()), -FAR[-1])
-        if not _promises(side):
-            return side
-        change = correction(model, task.finer, at, values, near=extended.correction)
-        return _scored(task, under(change, extended).compare(at, values, ()), -FAR[-1])
+    def predicted(values: Mapping[str, float]) -> Prediction | Failure:
+        return attempt(lambda: model.predict(values, ()))
+
+    def corrected(at: Evaluation) -> Correction | Failure:
+        return attempt(
+            lambda: correction(
+                model, task.finer, at.prediction, at.values, near=extended.correction
+            )
+        )
 
     sides = []
-    for place in cause.places:
-        side = attempt(partial(seen, place))
-        if isinstance(side, Failure):
-            logger.info(f"  {where} = {place:g} cannot be simulated ({side.why})")
-        else:
-            sides.append(side)
+    for values, prediction in zip(every, side_by_side(predicted, every, 1), strict=True):
+        if isinstance(prediction, Failure):
+            logger.info(f"  {where} = {values[where]:.3g} cannot be simulated ({prediction.why})")
+            continue
+        at = extended.compare(prediction, values, ())
+        sides.append(_scored(task, at, float(amounts_of(cause.parameters, values, extended)[0])))
+    again = [place for place, side in enumerate(sides) if _promises(side)]
+    changes = side_by_side(corrected, [sides[place].at for place in again], 1)
+    for place, change in zip(again, changes, strict=True):
+        side = sides[place]
+        if isinstance(change, Failure):
+            told = f"{where} = {side.at.values[where]:.3g} cannot be simulated finer"
+            logger.info(f"  {told} ({change.why})")
+            continue
+        at = under(change, extended).compare(side.at.prediction, side.at.values, ())
+        sides[place] = _scored(task, at, side.amount)
     return sides
 
 
@@ -319,7 +334,11 @@ def _promises(side: _Side) -> bool:
 
 
 def _refits(task: _Task, extended: Objective, begin: _Side) -> list[Refit]:
-    """Return the refit of a cause from the side that promises most; none if it is given up."""
+    """Return the refit of a cause from the side that promises most; none if it is given up.
+
+    What lies somewhere is refitted under the correction where it begins, then under those at its
+    ends until the evidence settles, or as far as these can be simulated.
+    """
     cause, fitted = task.near.cause, task.here.best
     if not cause.places:
         start = Start(cause, extended, begin.at.values, None, fitted, np.inf, MOST_FROM_AFAR)
@@ -333,32 +352,35 @@ def _refits(task: _Task, extended: Objective, begin: _Side) -> list[Refit]:
     free, beside = freed_with(fitted, cause), extended.warm_started_from(fitted)
     first = attempt(lambda: beside.evaluate(values, free))
     if isinstance(first, Failure):
-        logger.info(f"  {cause.name}: a start is given up, for it cannot be simulated")
+        logger.info(f"  {cause.name}: given up, for it cannot be simulated ({first.why})")
         return []
-    refit = refit_of(cause, extended, Fit(first, False, "where it was looked at", ()), fitted)
-    for _ in range(_CORRECTIONS):
-        after = corrected_refit(refit, task.finer, fitted, MOST_FROM_AFAR)
+    here = refit_of(cause, extended, Fit(first, False, "where it was looked at", ()), fitted)
+    done: list[Refit] = []
+    for _ in range(CORRECTIONS_OF_A_PLACE):
+        after = corrected_refit(here, task.finer, fitted, MOST_FROM_AFAR)
         if isinstance(after, Failure):
-            logger.info(f"  {cause.name}: given up, for it cannot be simulated ({after.why})")
-            return []
-        before, refit = refit, after
-        if abs(after.log_evidence - before.log_evidence) < _SETTLED:
+            logger.info(f"  {cause.name}: no further correction, for that failed ({after.why})")
             break
-    logger.info(refit_line(refit))
-    return [refit]
+        settled = bool(done) and abs(after.log_evidence - here.log_evidence) < _SETTLED
+        here, done = after, [after]
+        if settled:
+            break
+    for refit in done:
+        logger.info(refit_line(refit))
+    return done
 
 
 def _gained(refit: Refit, side: Score, task: _Task) -> Score:
-    """Return score that a refit is: its statistic is the likelihood ratio, one parameter more."""
+    """Return score that a refit is: its statistic is the likelihood ratio."""
     fitted, degrees = task.here.best, task.objective.data.load_degrees
     at = refit.fit.best
     (amount,) = amounts_of(refit.cause.parameters, at.values, task.objective)
-    # The cost of a refit has the prior of its cause.
-    gained = max(fitted.cost - (at.cost - (amount / FREED_WIDTH) ** 2), 0.0) / task.variance
+    # The cost of a refit has the priors of its cause.
+    rows = [at.free.index(name) for name in added_by(refit.cause, fitted)]
+    of_cause = float(at.prior_weight[rows] @ at.prior_gap[rows] ** 2)
+    gained = max(fitted.cost - (at.cost - of_cause), 0.0) / task.variance
     components = np.array([np.copysign(np.sqrt(gained), amount)])
-    found_by_data = len(refit.cause.companions) if refit.cause.places else 0
-    padded = np.pad(components, (0, found_by_data))
-    p = significance(refit.cause, padded, side.directions, fitted, task.family, degrees)
+    p = significance(refit.cause, components, side.directions, fitted, task.family, degrees)
     (name,) = refit.cause.parameters
     k, width = at.free.index(name), task.objective.parameters[name].width
     return replace(

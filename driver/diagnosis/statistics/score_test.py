@@ -28,6 +28,8 @@ NAMING_LEVEL = 0.005
 """Of the family of all causes: less than one model in a hundred that is right gets a cause."""
 # This level over tens of causes is near 3.7 σ; most of one more σ for power.
 SEEN_AT = 4.5
+MORE_OF_A_PLACE = 0.7
+"""The same of what lies somewhere: by three degrees of freedom that level is near 4.5 σ."""
 WORTH = 1.0  # log evidence without which nothing is added: less is no evidence (Jeffreys)
 PARALLEL = 0.95  # likeness beyond which causes cannot be told apart
 _RANK = 1e-9
@@ -113,7 +115,8 @@ def score(
     seen = np.diag(A) > floor
     known = np.where(seen, np.diag(A), 1.0)
     hidden = 0.0 if off is None else (left @ off / variance) ** 2 / known
-    visible = np.where(seen, SEEN_AT * np.sqrt((1.0 + hidden) / known), np.inf)
+    level = SEEN_AT + (MORE_OF_A_PLACE if cause.places else 0.0)
+    visible = np.where(seen, level * np.sqrt((1.0 + hidden) / known), np.inf)
     return Score(
         cause=cause,
         statistic=statistic,
@@ -149,7 +152,9 @@ def significance(
         load_degrees: degrees of freedom of the noise level of the loads.
     """
     share = _in_loads(sensitivity, baseline)
-    p = _tail(float(components @ components), components.size, load_degrees, share)
+    # Of what lies somewhere the data find place and width as well.
+    degrees = components.size + (len(cause.companions) if cause.places else 0)
+    p = _tail(float(components @ components), degrees, load_degrees, share)
     return min(1.0, family * (0.5 * p if cause.one_sided else p))
 
 

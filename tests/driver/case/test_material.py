@@ -30,7 +30,7 @@ def test_every_scalar_of_the_law_has_its_key_in_its_unit() -> None:
         tau0_grain1_slope_Y=0.1, tau0_grain1_bend_Y=-0.2, tau0_grain1_slope_X=0.3,
         tau0_grain2_slope_Y=-0.4, tau0_grain2_bend_Y=0.5, tau0_grain2_slope_X=-0.6,
         tau0_grain1_band=-0.4, tau0_grain1_band_middle=0.3, tau0_grain1_band_half_width=0.1,
-        tau0_grain2_band=0.4, tau0_grain2_band_middle=-0.3, tau0_grain2_band_half_width=0.6,
+        tau0_grain2_band=0.4, tau0_grain2_band_middle=-0.3, tau0_grain2_band_half_width=0.4,
     )  # fmt: skip
     assert changed.to_material() == Material(
         h_latent=0.4, Q_latent=3, tau0_antitwinning=1.2, a1=0.3, c2=1500, d2=100, x0=-1e-4,
@@ -38,7 +38,7 @@ def test_every_scalar_of_the_law_has_its_key_in_its_unit() -> None:
         tau0_grain1_slope_Y=0.1, tau0_grain1_bend_Y=-0.2, tau0_grain1_slope_X=0.3,
         tau0_grain2_slope_Y=-0.4, tau0_grain2_bend_Y=0.5, tau0_grain2_slope_X=-0.6,
         tau0_grain1_band=-0.4, tau0_grain1_band_middle=0.3, tau0_grain1_band_half_width=0.1,
-        tau0_grain2_band=0.4, tau0_grain2_band_middle=-0.3, tau0_grain2_band_half_width=0.6,
+        tau0_grain2_band=0.4, tau0_grain2_band_middle=-0.3, tau0_grain2_band_half_width=0.4,
     )  # fmt: skip
 
 

@@ -32,7 +32,7 @@ from tests.driver.invented_results import Results
 
 FIGURES = (
     "budget", "specimen", "loading_axes", "slip", "motion", "fields", "loads", "residual_maps",
-    "residual_over_strain", "residual_history", "evidence_1", "evidence_2", "sensitivity",
+    "residual_over_strain", "residual_history", "evidence_1", "evidence_2", "critical_stress", "sensitivity",
     "correlation", "convergence",
 )  # fmt: skip
 MEASURED = (
@@ -94,6 +94,15 @@ def test_the_pictures_of_free_correlation_stand_in_the_page_with_words_for_each(
         image = base64.b64encode((written.results / f"{name}.png").read_bytes()).decode()
         assert f'<img src="data:image/png;base64,{image}" alt="{text.alternative}">' in section
         assert text.caption in section
+
+
+def test_the_critical_stress_along_the_grains_is_told_and_shown_where_it_varies(
+    made: Path, page: str
+) -> None:
+    section = page[page.index('id="stress"') : page.index('id="parameters"')]
+    assert "The band in grain 2 has 0.70 ± 0.04 times the critical stress." in section
+    image = (made / "report_critical_stress.png").read_bytes()
+    assert base64.b64encode(image).decode() in section
 
 
 def test_the_verdict_and_the_gain_come_first(page: str) -> None:

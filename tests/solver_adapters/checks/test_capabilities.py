@@ -11,7 +11,7 @@ import pytest
 from solver_adapters.checks.capabilities import BASE, refuse_unsupported
 from solver_adapters.crystal import FCC
 from solver_adapters.interface import Capabilities, Direction, Simulation, UnsupportedError
-from solver_adapters.material import Material
+from solver_adapters.material import Material, with_parameters
 from tools.boxes import box, hex_box, pulled
 
 PLAIN = replace(
@@ -39,6 +39,8 @@ def refuse(simulation: Simulation) -> None:
 def test_the_plain_law_is_not_refused() -> None:
     refuse(PLAIN)
     refuse(replace(PLAIN, material=replace(PLAIN.material, tau0=21.0, b=70.0, d2=3.0)))
+    elsewhere = {"tau0_grain1_band_middle": 0.5, "tau0_grain2_band_half_width": 0.1}
+    refuse(replace(PLAIN, material=with_parameters(PLAIN.material, elsewhere)))
 
 
 @pytest.mark.parametrize(

@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from driver.common.outcomes import Failure
 from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import LIBRARY
-from driver.diagnosis.search import finite_step_score
+from driver.diagnosis.search import candidate_correction, finite_step_score
 from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.finite_step_score import FiniteStepScores, finite_step_scores
-from driver.diagnosis.search.refit import Executor, Start, refit_from
+from driver.diagnosis.search.refit import Executor, Start, refit_from, with_prior
 from driver.diagnosis.search.selection_round import examine
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, effects_of
 from driver.diagnosis.statistics.screening import screen, screened
@@ -515,10 +517,20 @@ class Banded(ClosedFormSolver):
         return super().answer(replace(simulation, material=with_parameters(m, as_shaped(*band))))
 
 
-def with_band(height: float, seed: int = 0) -> Examined:
+class Coarse(Banded):
+    """The same whose cells make half of a band, until they are finer."""
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        m = simulation.material
+        if not self.finer:
+            m = replace(m, tau0_grain2_band=0.5 * m.tau0_grain2_band)
+        return super().answer(replace(simulation, material=m))
+
+
+def with_band(height: float, seed: int = 0, solver: type[Banded] = Banded) -> Examined:
     """The scores at a fit without a band, to data that have one."""
     _, middle, half_width = BAND.values()
-    return scored(as_shaped(height, middle, half_width), BESIDE_BAND, Banded, seed)
+    return scored(as_shaped(height, middle, half_width), BESIDE_BAND, solver, seed)
 
 
 @pytest.mark.parametrize("height", [-0.3, 0.3])
@@ -534,6 +546,89 @@ def test_a_band_is_found_where_it_lies_with_its_height_and_its_width(height: flo
     for name, value in (BAND | {"tau0_grain2_band": height}).items():
         sigma = refit.fit.sigma(name, hidden.objective.parameters)
         assert abs(refit.fit.values[name] - value) < 3 * sigma, name
+
+
+def test_a_band_of_which_the_cells_make_half_is_found_under_the_correction_where_it_lies() -> None:
+    """That of the fit knows no band: it would be twice as high."""
+    hidden = with_band(-0.3, solver=Coarse)
+    found = look(hidden, accepted=False)
+    (refit,) = found.refits
+    assert abs(refit.fit.values["tau0_grain2_band"] + 0.3) < 0.1
+
+
+def test_a_place_that_promises_is_seen_under_the_correction_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Half of the effect is the correction: without it a band would have to be twice as high."""
+    hidden = with_band(-0.3, solver=Coarse)
+    near = _of(hidden.scores, "band_grain2")
+    task = finite_step_score._Task(
+        near, hidden.fit, hidden.objective, finer_of(hidden), 10, 1.0, 1.0
+    )
+
+    def best() -> Score:
+        sides = finite_step_score._places(task, with_prior(hidden.objective, near.cause))
+        return max((side.score for side in sides), key=lambda s: s.statistic)
+
+    corrected = best()
+    monkeypatch.setattr(finite_step_score, "PROMISING", 0.0)
+    assert best().estimate == pytest.approx(2.0 * corrected.estimate, rel=0.2)
+
+
+@pytest.mark.parametrize("failing", [1, 2])
+def test_a_correction_that_fails_leaves_what_was_seen_and_fitted_before(
+    monkeypatch: pytest.MonkeyPatch, failing: int
+) -> None:
+    hidden, corrected = with_band(-0.3), candidate_correction.corrected_refit
+    calls: list[Refit] = []
+
+    def fails(refit: Refit, *rest: Any) -> Refit | Failure:
+        calls.append(refit)
+        if len(calls) == failing:
+            return Failure("no solution")
+        return corrected(refit, *rest)
+
+    monkeypatch.setattr(finite_step_score, "corrected_refit", fails)
+    with collected_lines() as lines:
+        found = look(hidden, accepted=False)
+    assert any("no further correction, for that failed (no solution)" in line for line in lines)
+    assert len(found.refits) == failing - 1
+    if failing == 1:
+        # A place alone has neither the evidence nor the size of its refit.
+        assert _of(found.scores, "band_grain2").p >= NAMING_LEVEL
+
+
+def test_a_place_that_cannot_be_simulated_finer_counts_as_the_working_mesh_shows_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fails(*_: Any, **__: Any) -> Correction:
+        raise SolverError("no solution")
+
+    hidden = with_band(-0.3)
+    monkeypatch.setattr(finite_step_score, "correction", fails)
+    with collected_lines() as lines:
+        (refit,) = look(hidden, accepted=False).refits
+    assert sum("cannot be simulated finer (no solution)" in line for line in lines) > 0
+    assert abs(refit.fit.values["tau0_grain2_band_middle"] - 0.6) < 0.3
+
+
+def test_a_band_that_the_case_states_is_looked_at_where_it_is_stated() -> None:
+    hidden = with_band(-0.3)
+    stated = with_parameters(hidden.objective.model.material, BAND | {"tau0_grain2_band": -0.1})
+    objective = replace(hidden.objective, model=replace(hidden.objective.model, material=stated))
+    near = _of(hidden.scores, "band_grain2")
+    fitted = replace(hidden.fit, best=replace(hidden.fit.best, values=hidden.fit.values | BAND))
+    task = finite_step_score._Task(near, fitted, objective, finer_of(hidden), 10, 1.0, 1.0)
+    (side,) = finite_step_score._places(task, with_prior(objective, near.cause))
+    assert side.at.values["tau0_grain2_band_middle"] == BAND["tau0_grain2_band_middle"]
+    assert side.at.values["tau0_grain2_band"] == pytest.approx(-0.4)
+    assert side.amount == pytest.approx(-3.0)
+
+
+def test_a_band_has_five_tries_of_its_own_in_the_family() -> None:
+    hidden = with_band(-0.3)
+    alone = len(hidden.scores)
+    assert _of(look(hidden, accepted=False).scores, "band_grain2").family == alone + 5
 
 
 def test_a_band_is_looked_at_though_its_derivative_makes_it_lead() -> None:
