@@ -26,7 +26,8 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium is install
 
 DRAWN = (
     "budget", "specimen", "loading_axes", "slip", "motion", "fields", "loads", "residual_maps",
-    "residual_over_strain", "residual_history", "evidence_1", "evidence_2", "critical_stress", "sensitivity",
+    "residual_over_strain", "residual_history", "evidence_1", "evidence_2", "critical_stress",
+    "sensitivity",
     "correlation", "convergence",
 )  # fmt: skip
 # One grey pixel.

@@ -32,7 +32,8 @@ from tests.driver.invented_results import Results
 
 FIGURES = (
     "budget", "specimen", "loading_axes", "slip", "motion", "fields", "loads", "residual_maps",
-    "residual_over_strain", "residual_history", "evidence_1", "evidence_2", "critical_stress", "sensitivity",
+    "residual_over_strain", "residual_history", "evidence_1", "evidence_2", "critical_stress",
+    "sensitivity",
     "correlation", "convergence",
 )  # fmt: skip
 MEASURED = (
