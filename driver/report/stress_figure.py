@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from driver.report.maps import GRAINS
-from driver.report.style import grid, new_figure, styled
+from driver.report.style import CYCLES, grid, new_figure, styled
 
 _SIGMAS = 2.0  # half of the band of uncertainty, in standard deviations
 
@@ -27,13 +27,13 @@ def critical_stress(along: Sequence[Mapping[str, Any]], names: Sequence[str]) ->
     for grain in along:
         number = grain["grain"] - 1
         y, ratio, sigma = (np.array(grain[key]) for key in ("y_um", "ratio", "sigma"))
-        colour = GRAINS[number % len(GRAINS)]
         low, high = ratio - _SIGMAS * sigma, ratio + _SIGMAS * sigma
-        axes.fill_between(y, low, high, color=colour, alpha=0.35, linewidth=0)
-        axes.plot(y, ratio, color=colour, label=names[number])
+        shade, colour = GRAINS[number % len(GRAINS)], CYCLES[number % len(CYCLES)]
+        axes.fill_between(y, low, high, color=shade, alpha=0.5, linewidth=0)
+        axes.plot(y, ratio, color=colour, linewidth=2.0, label=names[number])
     axes.axhline(1.0, color="black", linewidth=0.8)
     axes.set_xlabel("Y [µm]")
-    axes.set_ylabel("critical stress / that without modes and band [1]")
+    axes.set_ylabel("factor on critical stress [1]")
     axes.legend()
     grid(axes)
     return figure

@@ -31,6 +31,7 @@ def first_screen(findings: Findings) -> FirstScreen:
     sentences = verdict_texts(diagnosis)
     if findings.extended:
         sentences.append(gain_text(diagnosis))
+    sentences += [grain["text"] for grain in diagnosis["critical_stress"]]
     sentences += [f"To be looked at: {warning}." for warning in diagnosis["warnings"]]
     return FirstScreen(
         kind=diagnosis["verdict"],
