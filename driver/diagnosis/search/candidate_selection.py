@@ -50,19 +50,21 @@ def refits_of_likely(
         SolverError: a simulation could not be finished.
     """
     tried = [s for s in scores if s.cause not in (NUMERICS, *COVARIANCE) and s.degrees]
-    chosen, large = to_refit(tried, most), baseline.chi_load > LARGE
     # What lies somewhere has begun where it shows, of which its null says nothing, and has a
     # correction of its own, by which others are not to be measured.
     placed = {refit.cause for refit in afar if refit.cause.places}
+    chosen = to_refit([s for s in tried if s.cause not in placed], most)
+    large = baseline.chi_load > LARGE
     # Where the baseline itself has come to no end no derivative holds.
     lost = large and newton(objective, baseline)[1] > LOST
     best: list[Refit] = []
-    if chosen and not lost:
-        begun = [s for s in chosen if s.cause not in placed]
-        if begun:
-            logger.info(f"refitting {_listed(begun)}")
-        refits = refit_causes(begun, screening, baseline, objective, executor)
-        best = best_of_each([*refits, *(r for r in afar if r.cause in [s.cause for s in chosen])])
+    if not lost:
+        if chosen:
+            logger.info(f"refitting {_listed(chosen)}")
+        refits = refit_causes(chosen, screening, baseline, objective, executor)
+        shown = [s.cause for s in tried if s.cause in placed and s.p < NAMING_LEVEL]
+        counted = [*shown, *(s.cause for s in chosen)]
+        best = best_of_each([*refits, *(r for r in afar if r.cause in counted)])
     if large and tried and not _explained(baseline, best):
         soft = refit_by_noise_continuation(
             tried, screening.free, baseline, objective, most, executor

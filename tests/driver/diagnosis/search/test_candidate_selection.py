@@ -83,6 +83,29 @@ def test_what_lies_somewhere_is_not_refitted_from_its_null_beside_where_it_shows
         assert begun.call_args_list[0].args[0] == [placed]
 
 
+def test_others_are_chosen_as_if_what_lies_somewhere_had_not_been_refitted() -> None:
+    """Its evidence is that of a refit under its own correction, theirs is of first order."""
+    objective, baseline, augmented, tried = large_effect("Q", 60.0)
+    (done,) = refits_of_likely(tried[:1], (), augmented, baseline.best, objective, 1, CREW)
+    placed = replace(
+        tried[0], cause=replace(tried[0].cause, name="band", places=(-0.5, 0.5)), log_evidence=1e4
+    )
+    of_place = replace(done, cause=placed.cause)
+    with patch.object(candidate_selection, "refit_causes", return_value=[]) as begun:
+        refits_of_likely([placed, *tried], [of_place], augmented, baseline.best, objective, 2, CREW)
+        assert begun.call_args_list[0].args[0] == to_refit(tried, 2)
+
+
+def test_what_lies_somewhere_and_is_not_seen_is_not_added() -> None:
+    objective, baseline, augmented, tried = large_effect("Q", 60.0)
+    (done,) = refits_of_likely(tried[:1], (), augmented, baseline.best, objective, 1, CREW)
+    unseen = replace(tried[0], cause=replace(tried[0].cause, places=(-0.5, 0.5)), p=0.01)
+    calm = replace(baseline.best, n_load=0)
+    with patch.object(candidate_selection, "refit_causes", return_value=[]):
+        of_place = [replace(done, cause=unseen.cause)]
+        assert refits_of_likely([unseen], of_place, augmented, calm, objective, 1, CREW) == []
+
+
 def test_a_large_effect_that_refits_from_the_baseline_explain_needs_no_soft_loads() -> None:
     objective, baseline, augmented, tried = large_effect("Q", 60.0)
     assert baseline.best.chi_load > LARGE
