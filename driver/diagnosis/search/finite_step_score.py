@@ -60,8 +60,10 @@ PROMISING = 0.02  # probability of one look under the null, below which a refit 
 HOPEFUL = 0.5  # of the best log evidence of any cause so far, which a side has to promise as well
 BESIDE_A_KINK = 1.0 / 3.0
 """Prior scales: of a lag 1 s, beyond the half second in which its rate changes (`load_at`)."""
-_MOST = 7.0  # prior scales with which a refit of what lies somewhere begins: a factor of two in τ₀
-CORRECTIONS_OF_A_PLACE = 4
+_FARTHEST = (
+    7.0  # prior scales with which a refit of what lies somewhere begins: a factor of two in τ₀
+)
+_MOST_CORRECTIONS = 4
 _SETTLED = 1.0  # change of the log evidence by the last of them
 _SURE = 2.0  # standard deviations by which an amount is known
 _LOOKS = 2  # either side
@@ -345,7 +347,7 @@ def _refits(task: _Task, extended: Objective, begin: _Side) -> list[Refit]:
         return refit_from([start], Executor(1, 1))
     # Of either sign, and of the size that the change bears.
     (name,) = cause.parameters
-    size = np.clip(begin.score.estimate[0], -_MOST, _MOST) * extended.parameters[name].width
+    size = np.clip(begin.score.estimate[0], -_FARTHEST, _FARTHEST) * extended.parameters[name].width
     values = begin.at.values | {
         name: extended.parameters[name].value(float(size), extended.prior[name][0])
     }
@@ -356,7 +358,7 @@ def _refits(task: _Task, extended: Objective, begin: _Side) -> list[Refit]:
         return []
     here = refit_of(cause, extended, Fit(first, False, "where it was looked at", ()), fitted)
     done: list[Refit] = []
-    for _ in range(CORRECTIONS_OF_A_PLACE):
+    for _ in range(_MOST_CORRECTIONS):
         after = corrected_refit(here, task.finer, fitted, MOST_FROM_AFAR)
         if isinstance(after, Failure):
             logger.info(f"  {cause.name}: no further correction, for that failed ({after.why})")
