@@ -67,12 +67,12 @@ class StressAlongGrain:
                 f"{width} µm wide."
             )
         ends = [
-            f"{with_sigma(self.ratio[k], self.sigma[k])} of it at Y = {number(self.y[k])} µm"
+            f"{with_sigma(self.ratio[k], self.sigma[k])} (at Y = {number(self.y[k])} µm)"
             for k in (least, most)
         ]
         return (
-            f"Along grain {self.grain} the critical stress lies between {ends[0]} and {ends[1]}, "
-            "in the middle of the width."
+            f"Along grain {self.grain} the critical stress lies between {ends[0]} and {ends[1]} "
+            "times that without modes and band, in the middle of the width."
         )
 
     def record(self) -> dict[str, Any]:

@@ -60,9 +60,8 @@ PROMISING = 0.02  # probability of one look under the null, below which a refit 
 HOPEFUL = 0.5  # of the best log evidence of any cause so far, which a side has to promise as well
 BESIDE_A_KINK = 1.0 / 3.0
 """Prior scales: of a lag 1 s, beyond the half second in which its rate changes (`load_at`)."""
-_FARTHEST = (
-    7.0  # prior scales with which a refit of what lies somewhere begins: a factor of two in τ₀
-)
+_FARTHEST = 7.0
+"""Prior scales with which a refit of what lies somewhere begins at most: of τ₀ a factor of two."""
 _MOST_CORRECTIONS = 4
 _SETTLED = 1.0  # change of the log evidence by the last of them
 _SURE = 2.0  # standard deviations by which an amount is known

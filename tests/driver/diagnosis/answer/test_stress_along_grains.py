@@ -43,8 +43,9 @@ def test_a_slope_is_exponential_along_its_grain_and_known_best_in_the_middle() -
     # One prior scale of the slope is 0.1.
     np.testing.assert_allclose(grain.sigma, 0.01 * abs(eta) * grain.ratio, atol=1e-15)
     assert grain.sentence() == (
-        "Along grain 2 the critical stress lies between 0.741 ± 0.007 of it at Y = 2.00 µm and "
-        "1.350 ± 0.013 of it at Y = 4.00 µm, in the middle of the width."
+        "Along grain 2 the critical stress lies between 0.741 ± 0.007 (at Y = 2.00 µm) and "
+        "1.350 ± 0.013 (at Y = 4.00 µm) times that without modes and band, in the middle of the "
+        "width."
     )
 
 
