@@ -151,6 +151,12 @@ class Correction:
             return self
         return self.plus(np.asarray(second.added.motion), np.asarray(second.added.load))
 
+    def without_second(self, second: SecondMesh | None) -> Correction:
+        """Return what the finer mesh says alone, of a correction `with_second`."""
+        if second is None:
+            return self
+        return self.plus(-np.asarray(second.added.motion), -np.asarray(second.added.load))
+
 
 @dataclass(frozen=True, eq=False)
 class SecondMesh:

@@ -26,8 +26,9 @@ _ROUNDS = 2
 _FINE_RUNS = 8
 # So many of them belong to an identification.
 _CORRECTIONS = 2
-# So often the second mesh, which tells whether a finding hangs on the mesh.
-_SECOND_RUNS = 3
+# So often the second mesh: whether a finding hangs on the mesh, at the end of the refits that lead,
+# of the extended model.
+_SECOND_RUNS = 6
 # Seconds of one core of the correlation for one pixel of one image, all iterations.
 _PIXEL_SECONDS = 8e-6
 # Bytes of the images that correlation has at work together, whatever their number: the block of
@@ -125,6 +126,10 @@ def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> C
         )
         # Finer simulations run side by side as well, but for those of all causes.
         memory, each = max(memory, all_causes), max(each, fitted)
+    if case.with_images:
+        smallest = cells_of_size(case, n_cells, size_of_second_mesh(case))
+        each = max(each, simulation_memory(kind, smallest, n_images, 0, at_once, systems))
+        memory = max(memory, each)
     if case.execution.processes > 1 and case.execution.scheduler is None:
         memory += case.execution.processes * each
     if case.with_images:

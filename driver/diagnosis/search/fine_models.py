@@ -73,13 +73,14 @@ class FineModels:
             return change, None
         logger.info(_AGAIN)
         taken = _Taken(second, []) if isinstance(second, Failure) else seconds[0]
-        return change, self._beside(change, taken)
+        found = taken.told()
+        return change, None if found is None else _beside(change, found, self.size)
 
     def second(self, objective: Objective, here: Fit) -> SecondMesh | None:
-        """Return what the second mesh adds at a fit to the correction that an objective has.
+        """Return what the second mesh adds at a fit to the correction by the first one.
 
-        That correction follows its parameters by its derivatives. None where the second mesh
-        cannot be had.
+        That of the objective, which follows its parameters by its derivatives. None where the
+        second mesh cannot be had.
 
         Args:
             objective: of the fit, with the correction that it was made with.
@@ -91,22 +92,47 @@ class FineModels:
         if self.make_second is None:
             return None
         logger.info(_AGAIN)
-        second = attempt(self.make_second)
-        taken = (
-            _Taken(second, [])
-            if isinstance(second, Failure)
-            else _taken(_Task(objective, here, second, False))
+        made = attempt(self.make_second)
+        found = (
+            made if isinstance(made, Failure) else added_by_second(made, self.size, objective, here)
         )
-        return self._beside(objective.correction.at(here.values), taken)
-
-    def _beside(self, first: Correction, taken: _Taken) -> SecondMesh | None:
-        """Return what the second mesh says beside the first, by the correction taken on it."""
-        found = taken.told()
-        if found is None:
+        if isinstance(found, Failure):
+            logger.info(_told(found))
             return None
-        # Steps of first order change both alike.
-        (motion, load), (first_motion, first_load) = found.of_mesh, first.of_mesh
-        return SecondMesh(Correction(motion - first_motion, load - first_load), self.size)
+        return found
+
+
+def added_by_second(
+    second: ForwardModel, size: float | None, objective: Objective, here: Fit
+) -> SecondMesh | Failure:
+    """Return what the second mesh adds at a fit to the correction by the first one.
+
+    That of the objective, which follows its parameters by its derivatives.
+
+    Args:
+        second: the model on the second mesh.
+        size: of its cells, where they are the better ones [µm].
+        objective: of the fit, with the correction that it was made with.
+        here: the fit.
+
+    Raises:
+        SolverError: the finer simulation was not run on the second mesh.
+    """
+    first = objective.correction.without_second(objective.second).at(here.values)
+    at, values = here.best.prediction, here.values
+    found = attempt(lambda: correction(objective.model, second, at, values))
+    return found if isinstance(found, Failure) else _beside(first, found, size)
+
+
+def _beside(first: Correction, found: Correction, size: float | None) -> SecondMesh:
+    """Return what the second mesh says beside the first, by the corrections taken on both."""
+    # Steps of first order change both alike.
+    (motion, load), (first_motion, first_load) = found.of_mesh, first.of_mesh
+    return SecondMesh(Correction(motion - first_motion, load - first_load), size)
+
+
+def _told(failure: Failure) -> str:
+    return f"  one mesh has to do: {failure.why}"
 
 
 _AGAIN = "the same on a second mesh"
@@ -146,7 +172,7 @@ class _Taken:
         for line in self.lines:
             logger.info(line)
         if isinstance(self.change, Failure):
-            logger.info(f"  one mesh has to do: {self.change.why}")
+            logger.info(_told(self.change))
             return None
         return self.change
 

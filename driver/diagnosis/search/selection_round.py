@@ -20,6 +20,7 @@ from driver.diagnosis.search.boundary_noise import (
     score_boundary_noise,
 )
 from driver.diagnosis.search.candidate_correction import with_candidate_corrections
+from driver.diagnosis.search.candidate_second_mesh import with_second_mesh_at_ends
 from driver.diagnosis.search.candidate_selection import (
     LARGE,
     best_of_each,
@@ -141,7 +142,8 @@ def examine(
                 likely, seen.tests, here.best, objective, added, settings.wanted, executor
             )
             likely = best_of_each([*likely, *trial.refits])
-            refits = with_candidate_corrections(likely, here.best, finer, executor) or refits
+            likely = with_candidate_corrections(likely, here.best, finer, executor)
+            refits = with_second_mesh_at_ends(likely, here.best, finer, executor) or refits
     scores = sorted([*seen.scores, *trial.scores], key=lambda s: -s.log_evidence)
     winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
     named = set_of(refits, scores) if winner is not None else ()

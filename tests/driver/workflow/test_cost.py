@@ -13,6 +13,7 @@ from driver.case.model import load_case, write_case
 from driver.diagnosis.causes.all_causes import NAMES
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.experiment.image_sizes import StackSize, stack_size
+from driver.workflow import cost
 from driver.workflow.cost import Cost, estimate, identified_images, measuring_memory
 from solver_adapters.bundled.adapter import BundledAdapter
 
@@ -123,6 +124,19 @@ def test_the_finer_mesh_is_simulated_in_each_process() -> None:
     # Cells grow with the square.
     assert finest - coarse == pytest.approx(8 / 3 * (fine - coarse), rel=0.02)
     assert fine > 1.5 * coarse
+
+
+def test_the_second_mesh_is_simulated_in_each_process_and_without_derivatives(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def of_a_process(size: float) -> float:
+        monkeypatch.setattr(cost, "size_of_second_mesh", lambda case: size)
+        two, three = (with_tables(execution={"processes": n}).memory for n in (2, 3))
+        return three - two
+
+    coarse, fine, finest = (of_a_process(size) for size in (1.0, 0.25, 0.125))
+    # The finer mesh with its derivatives takes more than a second one of its size.
+    assert coarse == of_a_process(1.1) < fine < finest
 
 
 def test_each_refit_keeps_its_derivatives_at_the_pixels_of_the_face() -> None:

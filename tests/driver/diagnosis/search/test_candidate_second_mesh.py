@@ -1,0 +1,256 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from driver.common.outcomes import Failure
+from driver.diagnosis.answer.result_types import Refit
+from driver.diagnosis.causes.causes import Cause
+from driver.diagnosis.causes.ebsd_flips import FLIPS
+from driver.diagnosis.search import candidate_second_mesh
+from driver.diagnosis.search.candidate_correction import REACH, REACH_OF_LARGE
+from driver.diagnosis.search.candidate_second_mesh import with_second_mesh_at_ends
+from driver.diagnosis.search.fine_models import FineModels
+from driver.diagnosis.search.refit import Executor, refit_causes
+from driver.diagnosis.statistics.score_test import score
+from driver.diagnosis.statistics.screening import screened
+from driver.forward.model import ForwardModel
+from driver.identification.correction import correction
+from driver.identification.fit import Fit, fit_from
+from driver.identification.identify import with_correction
+from meshes.arrays import FloatArray
+from solver_adapters.interface import NotRunError, Simulation, SolverError
+from tools import closed_form
+from tools.closed_form import SIZES
+from tools.closed_form_diagnosis import finer, identified
+
+BENCH = closed_form.problem()
+TRUE, RIVAL = "grain_contrast", "boundary_position"
+HERE = Executor(1, 1)
+SIZE = SIZES[1] / 1.5
+
+
+class ErringWithContrast(closed_form.ClosedFormSolver):
+    """A mesh that bends the face where the grains differ, as no specimen does."""
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        motion, load = super().answer(simulation)
+        x = simulation.mesh.points[simulation.output_nodes, 0]
+        grown = np.linspace(0.0, 0.0025 * np.log(simulation.material.tau0_grain2), len(motion))
+        motion[..., 2] += grown[:, None] * x**2
+        return motion, load
+
+
+class Failing(closed_form.ClosedFormSolver):
+    def __init__(self, error: Exception) -> None:
+        super().__init__()
+        self.error = error
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        raise self.error
+
+
+WORKING = replace(BENCH, model=replace(BENCH.model, adapter=ErringWithContrast()))
+ONE, SECOND = finer(WORKING), finer(BENCH, 0.002)
+
+
+def meshes(size: float | None = SIZE, second: ForwardModel = SECOND) -> FineModels:
+    """A first finer mesh that errs as the working one, and a second one that does not."""
+    return FineModels(ONE, lambda: second, size)
+
+
+@cache
+def refitted(size: float | None = SIZE) -> tuple[Fit, list[Refit]]:
+    """The baseline, and the true cause and its rival, refitted with both meshes at the baseline."""
+    made = closed_form.objective(BENCH, BENCH.truth | {"tau0_grain2": 3.0})
+    objective, baseline = identified(WORKING, replace(made, model=WORKING.model))
+    change = correction(WORKING.model, ONE, baseline.best.prediction, baseline.values)
+    second = meshes(size).second(replace(objective, correction=change), baseline)
+    objective = with_correction(objective, 1.0, change, SIZES, second)
+    baseline = fit_from(baseline.best, objective, 12)
+    causes, names = screened(objective.model, baseline.best.free, (TRUE, RIVAL))
+    screening = objective.evaluate(baseline.values, names)
+    rows = {name: row for name, row in zip(screening.free, screening.jacobian, strict=True)}
+    scores = [
+        score(cause, np.array([rows[n] for n in cause.parameters]), baseline.best, len(causes))
+        for cause in causes
+    ]
+    refits = refit_causes(scores, screening, baseline.best, objective, HERE)
+    return baseline, sorted(refits, key=lambda refit: -refit.log_evidence)
+
+
+def near_each_other() -> tuple[Fit, list[Refit]]:
+    """The same, as if they were as likely as each other."""
+    baseline, refits = refitted()
+    return baseline, [replace(refit, log_evidence=refits[0].log_evidence) for refit in refits]
+
+
+def names_of(refits: list[Refit]) -> list[str]:
+    return [refit.cause.name for refit in refits]
+
+
+def test_what_the_first_finer_mesh_gets_wrong_at_a_cause_no_longer_speaks_against_it() -> None:
+    baseline, (rival, true) = refitted()
+    assert (rival.cause.name, true.cause.name) == (RIVAL, TRUE)
+    near = replace(true, log_evidence=rival.log_evidence - 1.0)
+    after = with_second_mesh_at_ends([rival, near], baseline.best, meshes(), HERE)
+    assert names_of(after) == [TRUE, RIVAL]
+    assert after[0].log_evidence > true.log_evidence + 10
+    # Where the mesh errs no more than at the baseline, nothing has changed.
+    assert after[1].log_evidence == pytest.approx(rival.log_evidence, abs=0.3)
+
+
+def test_what_the_second_mesh_adds_takes_the_place_of_what_it_adds_at_the_baseline() -> None:
+    baseline, refits = near_each_other()
+    for refit in with_second_mesh_at_ends(refits, baseline.best, meshes(), HERE):
+        objective, values = refit.objective, refit.fit.values
+        working, one, second = (m.predict(values) for m in (WORKING.model, ONE, SECOND))
+        assert objective.second is not None and objective.second.size == SIZE
+        whole = objective.correction.at(values)
+        # To first order: it was taken where the refit stood before.
+        moved = np.abs(second.load - working.load).max()
+        assert whole.load == pytest.approx(second.load - working.load, abs=0.1 * moved)
+        alone = objective.correction.without_second(objective.second).at(values)
+        assert alone.load == pytest.approx(one.load - working.load, abs=0.1 * moved)
+
+
+def test_of_two_meshes_as_good_as_each_other_their_mean_is_taken_at_the_end() -> None:
+    baseline, refits = refitted(None)
+    rival, true = (next(r for r in refits if r.cause.name == n) for n in (RIVAL, TRUE))
+    near = [rival, replace(true, log_evidence=rival.log_evidence - 1.0)]
+    after = with_second_mesh_at_ends(near, baseline.best, meshes(None), HERE)
+    (better, _) = with_second_mesh_at_ends(near, baseline.best, meshes(), HERE)
+    mean = next(r for r in after if r.cause.name == TRUE)
+    assert mean.objective.second is not None and mean.objective.second.off is not None
+    assert true.log_evidence < mean.log_evidence < better.log_evidence
+
+
+@pytest.mark.parametrize(("most", "behind"), [(40.0, REACH), (200.0, 200.0 * REACH_OF_LARGE)])
+def test_one_that_leads_alone_is_not_simulated(
+    most: float, behind: float, lines: list[str]
+) -> None:
+    baseline, (first, second) = refitted()
+    first = replace(first, log_evidence=most)
+    never = meshes(second=replace(SECOND, adapter=Failing(AssertionError())))
+    lines.clear()
+    far = [first, replace(second, log_evidence=most - behind - 0.1)]
+    assert with_second_mesh_at_ends(far, baseline.best, never, HERE) == far
+    assert with_second_mesh_at_ends(far[:1], baseline.best, never, HERE) == far[:1]
+    assert with_second_mesh_at_ends([], baseline.best, never, HERE) == [] and not lines
+    near = [first, replace(second, log_evidence=most - behind + 0.1)]
+    assert with_second_mesh_at_ends(near, baseline.best, meshes(), HERE) != near
+
+
+def test_where_one_mesh_had_to_do_it_does_here() -> None:
+    baseline, refits = near_each_other()
+    alone = FineModels(ONE)
+    assert with_second_mesh_at_ends(refits, baseline.best, alone, HERE) == refits
+    without = [replace(r, objective=replace(r.objective, second=None)) for r in refits]
+    assert with_second_mesh_at_ends(without, baseline.best, meshes(), HERE) == without
+
+
+def test_a_refit_whose_end_cannot_be_simulated_stays_and_the_log_says_so(
+    lines: list[str],
+) -> None:
+    baseline, refits = near_each_other()
+    error = SolverError("no step is short enough\nstep 3")
+
+    def unmade() -> ForwardModel:
+        raise error
+
+    simulated = meshes(second=replace(SECOND, adapter=Failing(error)))
+    for never in (simulated, FineModels(ONE, unmade, SIZE)):
+        lines.clear()
+        assert with_second_mesh_at_ends(refits, baseline.best, never, HERE) == refits
+        assert lines[1:] == [
+            f"  {refit.cause.name}: log evidence {refit.log_evidence:+.1f} as it was, for it "
+            "cannot be simulated (no step is short enough)"
+            for refit in refits
+        ]
+
+
+def test_a_simulation_that_was_not_run_is_not_done_without() -> None:
+    baseline, refits = near_each_other()
+    never = meshes(second=replace(SECOND, adapter=Failing(NotRunError("absent"))))
+    with pytest.raises(NotRunError):
+        with_second_mesh_at_ends(refits, baseline.best, never, HERE)
+
+
+def test_the_second_mesh_has_the_grains_of_a_flip_turned(monkeypatch: pytest.MonkeyPatch) -> None:
+    baseline, refits = near_each_other()
+    flip = FLIPS[0]
+    turned = [replace(refits[0], cause=flip), refits[1]]
+    seen: dict[str, FloatArray] = {}
+
+    def fitted(task: Any) -> Failure:
+        orientations = task.second.simulation(BENCH.truth).orientations
+        seen[task.refit.cause.name] = np.array(orientations)
+        return Failure("no need")
+
+    monkeypatch.setattr(candidate_second_mesh, "_fitted", fitted)
+    with_second_mesh_at_ends(turned, baseline.best, meshes(), HERE)
+    measured = np.array(SECOND.simulation(BENCH.truth).orientations)
+    assert np.array_equal(seen[refits[1].cause.name], measured)
+    assert not np.allclose(seen[flip.name], measured)
+
+
+def judged(
+    monkeypatch: pytest.MonkeyPatch, before: dict[str, float], after: dict[str, float]
+) -> tuple[list[str], list[str]]:
+    """The causes that are fitted again, in this order, and all of them at last, best first."""
+    baseline, (first, _) = refitted()
+    second = first.objective.second
+    refits = [
+        replace(first, cause=replace(first.cause, name=name), log_evidence=value)
+        for name, value in before.items()
+    ]
+    taken: list[str] = []
+
+    def with_second(refits: list[Refit], *_: object) -> list[Any]:
+        taken.extend(names_of(refits))
+        return [candidate_second_mesh._End(second, refit.fit) for refit in refits]  # type: ignore[arg-type]
+
+    def refit_of(cause: Cause, *_: object) -> Refit:
+        return replace(first, cause=cause, log_evidence=after[cause.name])
+
+    monkeypatch.setattr(candidate_second_mesh, "_with_second", with_second)
+    monkeypatch.setattr(candidate_second_mesh, "refit_of", refit_of)
+    ended = with_second_mesh_at_ends(refits, baseline.best, meshes(), HERE)
+    return taken, names_of(ended)
+
+
+@pytest.mark.parametrize(("behind", "is_taken"), [(44.0, True), (46.0, False)])
+def test_a_third_refit_is_judged_where_as_much_as_another_gained_may_bring_it_within_reach(
+    behind: float, is_taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The best ends at 288 after a gain of 34, another one gained 35: 10 and 35 are 45."""
+    before = {"first": 254.0, "second": 248.0, "third": 288.0 - behind}
+    after = {"first": 288.0, "second": 283.0, "third": 250.0}
+    taken, ended = judged(monkeypatch, before, after)
+    assert taken == ["first", "second", *(["third"] if is_taken else [])]
+    assert ended == ["first", "second", "third"]
+
+
+def test_the_one_next_to_the_best_is_judged_however_far_behind(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The second one loses, so that the third and then the fourth are next."""
+    before = {"first": 100.0, "second": 95.0, "third": 80.0, "fourth": 75.0, "fifth": 60.0}
+    after = {"first": 100.0, "second": 50.0, "third": 70.0, "fourth": 77.0}
+    taken, ended = judged(monkeypatch, before, after)
+    assert taken == ["first", "second", "third", "fourth"]
+    assert ended == ["first", "fourth", "third", "fifth", "second"]
+
+
+def test_one_that_may_overtake_all_that_were_judged_is_judged(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Both leaders lose, and another one behind them does not."""
+    before = {"first": 100.0, "second": 95.0, "third": 70.0}
+    after = {"first": 60.0, "second": 58.0, "third": 71.0}
+    taken, ended = judged(monkeypatch, before, after)
+    assert taken == ["first", "second", "third"] and ended[0] == "third"
