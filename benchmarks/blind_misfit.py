@@ -13,16 +13,13 @@ from driver.diagnosis.statistics.bayes_factor import prior_scaled
 from driver.diagnosis.statistics.score_test import score
 from driver.virtual.truth import Course
 
-OF_THE_MESH = 3.0
-"""What the fit of an experiment without an effect leaves of the finer mesh and steps [σ]."""
-
 
 @dataclass(frozen=True)
 class Left:
     """What the fit of an experiment leaves of what was hidden [σ].
 
     Attributes:
-        whole: of the whole effect, without what the finer mesh makes of it.
+        whole: along what it leaves of the whole effect.
         like_itself: of each cause, what looks like it.
         beside: the same with the other causes in the model, each of any size, to first order: of
             one that bends a part stays.
@@ -33,17 +30,19 @@ class Left:
     beside: tuple[float, ...]
 
 
-def left_of(path: Path, course: Course, causes: tuple[Cause, ...]) -> Left:
+def left_of(path: Path, course: Course, unaffected: Course, causes: tuple[Cause, ...]) -> Left:
     """Projected misfit of an experiment that has been identified, and of each of some causes [σ].
 
-    Of the residual of the fit the part that is not noise: of the whole effect that along what
-    happened less what was predicted, of a cause that which looks like it, the noncentrality of
-    its score. The nonlinear fit may take more of an effect than the ruler thinks, and images
+    Of the residual of the fit the part that is not noise: of the whole effect that along what the
+    effect leaves of the motion and the load, of a cause that which looks like it, the
+    noncentrality of its score. What the simulation gets wrong counts no further than it looks like
+    the effect. The nonlinear fit may take more of an effect than the ruler thinks, and images
     answer to a large one less than in proportion.
 
     Args:
         path: the case.
         course: what happened.
+        unaffected: what had happened without the effect.
         causes: the causes.
     """
     objective, values, free = identified(path)
@@ -54,19 +53,18 @@ def left_of(path: Path, course: Course, causes: tuple[Cause, ...]) -> Left:
     data, known = objective.data, objective.parameters
     true = shown(course, objective)
     excess = fitted.residual - data.residual(true, course.load)[0]
-    missed = data.change(true - fitted.motion, course.load - fitted.load)
+    effect = data.change(true - shown(unaffected, objective), course.load - unaffected.load)
     J = fitted.jacobian
-    along = missed - J.T @ np.linalg.solve(fitted.hessian, J @ missed)
-    seen = float(along @ excess / np.linalg.norm(along))
-    whole = float(np.sqrt(max(seen * abs(seen) - OF_THE_MESH**2, 0.0)))
+    along = effect - J.T @ np.linalg.solve(fitted.hessian, J @ effect)
+    whole = max(float(along @ excess), 0.0) / float(np.linalg.norm(along))
     like_itself: list[float] = []
     beside: list[float] = []
     for cause in causes:
         rows = [augmented.free.index(name) for name in cause.parameters]
-        effect = prior_scaled(augmented.jacobian[rows], cause.parameters, known)
+        per_scale = prior_scaled(augmented.jacobian[rows], cause.parameters, known)
         others = [n for n in augmented.free if n not in cause.parameters]
         for at, found in ((fitted, like_itself), (objective.restrict(augmented, others), beside)):
             # Its directions are perpendicular to all that the fit can take, priors aside.
-            directions = score(cause, effect, at, 1).directions
+            directions = score(cause, per_scale, at, 1).directions
             found.append(float(np.linalg.norm(directions @ excess)))
     return Left(whole, tuple(like_itself), tuple(beside))
