@@ -59,28 +59,54 @@ def interpolation(surface: SurfaceMesh, xy: FloatArray) -> tuple[sp.csr_array, B
         matrix of shape (n_points, n_nodes), with an all-zero row for each point off the mesh;
         whether each point lies on the mesh (to 1e-9 of a cell), shape (n_points,).
     """
-    if surface.cells.shape[1] == 6:
-        cell, at = _locate(surface, xy)
-        inside = cell >= 0
-        values = _tri6_shape(at[inside])
-    else:
-        plane = surface.plane
-        cell, at = plane.locate(xy)
-        inside = cell >= 0
-        values = plane.cell.shape(at[inside])
+    cell, at = _located(surface, xy)
+    inside = cell >= 0
+    values = surface.plane.cell.shape(at[inside])
+    return _operator(surface, cell, inside, values), inside
+
+
+def interpolation_with_slopes(
+    surface: SurfaceMesh, xy: FloatArray
+) -> tuple[sp.csr_array, sp.csr_array, sp.csr_array]:
+    """Values and derivatives along X and Y [1/µm] at given points from nodal values.
+
+    On a side between two cells the derivatives are those in one of them.
+
+    Args:
+        surface: the mesh, straight-sided.
+        xy: points [µm], shape (n_points, 2).
+
+    Returns:
+        Matrices of shape (n_points, n_nodes), with an all-zero row for each point off the mesh.
+    """
+    cell, at = _located(surface, xy)
+    inside, plane = cell >= 0, surface.plane
+    values = plane.cell.shape(at[inside])
+    along_x, along_y = plane.gradients(cell[inside], at[inside]).transpose(2, 0, 1)
+    return (
+        _operator(surface, cell, inside, values),
+        _operator(surface, cell, inside, along_x),
+        _operator(surface, cell, inside, along_y),
+    )
+
+
+def _operator(
+    surface: SurfaceMesh, cell: IntArray, inside: BoolArray, weights: FloatArray
+) -> sp.csr_array:
+    """Matrix of the weights (n, nodes of a cell) of the points inside, each in its cell."""
     columns = surface.cells[cell[inside]]
     row_ends = np.concatenate([[0], np.cumsum(columns.shape[1] * inside)])
-    matrix = sp.csr_array(
-        (values.ravel(), columns.ravel(), row_ends), shape=(len(xy), len(surface.points))
+    return sp.csr_array(
+        (weights.ravel(), columns.ravel(), row_ends), shape=(len(cell), len(surface.points))
     )
-    return matrix, inside
 
 
-def _tri6_shape(barycentric: FloatArray) -> FloatArray:
-    """Shape functions at barycentric coordinates (n, 3), shape (n, 6)."""
-    corners = barycentric * (2 * barycentric - 1)
-    edges = 4 * barycentric * np.roll(barycentric, -1, axis=1)
-    return np.concatenate([corners, edges], axis=1)
+def _located(surface: SurfaceMesh, xy: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Cell that holds each point (−1 for none) and reference coordinates there, (n,), (n, 2)."""
+    if surface.cells.shape[1] == 6:
+        cell, barycentric = _locate(surface, xy)
+        return cell, barycentric[:, 1:]
+    return surface.plane.locate(xy)
 
 
 def _locate(surface: SurfaceMesh, xy: FloatArray) -> tuple[IntArray, FloatArray]:

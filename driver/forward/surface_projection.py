@@ -9,9 +9,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from meshes.arrays import FloatArray
-from meshes.surface import SurfaceMesh, interpolation
+from meshes.surface import SurfaceMesh, interpolation_with_slopes
 
-_STEP = 1e-3  # half step of the difference quotient of the shape functions [µm]
 _INSET = 2e-3  # pixels stay this far inside the face [µm]
 
 
@@ -52,12 +51,7 @@ class PixelProjection:
             [x0 + _INSET, y0 + _INSET],
             [x1 - _INSET, y1 - _INSET],
         )
-        slopes = []
-        for axis in np.eye(2):
-            ahead = interpolation(surface, places + _STEP * axis)[0]
-            behind = interpolation(surface, places - _STEP * axis)[0]
-            slopes.append(((ahead - behind) * (0.5 / _STEP)).tocsr())
-        return Projection(interpolation(surface, places)[0], slopes[0], slopes[1])
+        return Projection(*interpolation_with_slopes(surface, places))
 
 
 def apply(operator: sp.csr_array, nodal: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
-from meshes.surface import SurfaceMesh, interpolation, trace
+from meshes.surface import SurfaceMesh, interpolation, interpolation_with_slopes, trace
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +33,15 @@ def test_a_quadratic_field_is_interpolated_exactly(surface: SurfaceMesh) -> None
     matrix, inside = interpolation(surface, xy)
     assert inside.all()
     np.testing.assert_allclose(matrix @ quadratic(surface.points), quadratic(xy), atol=1e-12)
+
+
+def test_the_slopes_of_a_quadratic_field_are_exact(surface: SurfaceMesh) -> None:
+    xy = np.random.default_rng(3).uniform((-2, 0), (2, 12), (5000, 2))
+    (x, y), nodal = xy.T, quadratic(surface.points)
+    value, along_x, along_y = (m @ nodal for m in interpolation_with_slopes(surface, xy))
+    np.testing.assert_allclose(value, quadratic(xy), atol=1e-12)
+    np.testing.assert_allclose(along_x, -1 + 0.4 * x - 0.7 * y, atol=1e-11)
+    np.testing.assert_allclose(along_y, 0.3 - 0.7 * x + 0.1 * y, atol=1e-11)
 
 
 def test_interpolation_at_the_nodes_is_the_identity(surface: SurfaceMesh) -> None:
@@ -88,3 +97,24 @@ def test_a_linear_field_is_interpolated_exactly_on_the_face_of_hexahedra(
     assert matrix @ (swept_face.points @ field + 1.5) == pytest.approx(xy @ field + 1.5, abs=1e-10)
     matrix, inside = interpolation(swept_face, np.array([[2.5, 6.0], [0.0, 6.0]]))
     assert inside.tolist() == [False, True] and matrix[[0]].nnz == 0
+
+
+@pytest.mark.parametrize("face", ["surface", "swept_face"])
+def test_slopes_are_those_of_the_interpolation(face: str, request: pytest.FixtureRequest) -> None:
+    """In the middle of their cells, by central differences of what is interpolated."""
+    mesh: SurfaceMesh = request.getfixturevalue(face)
+    corners = 3 if mesh.cells.shape[1] == 6 else 4
+    middles = mesh.points[mesh.cells[:, :corners]].mean(axis=1) + [0.013, 0.021]
+    nodal, step = np.random.default_rng(4).normal(size=len(mesh.points)), 1e-4
+    value, *slopes = (m @ nodal for m in interpolation_with_slopes(mesh, middles))
+    np.testing.assert_array_equal(value, interpolation(mesh, middles)[0] @ nodal)
+    for axis, slope in zip(np.eye(2), slopes, strict=True):
+        ahead, behind = (interpolation(mesh, middles + s * axis)[0] for s in (step, -step))
+        np.testing.assert_allclose(slope, (ahead - behind) @ nodal / (2 * step), atol=1e-6)
+
+
+def test_points_off_the_face_have_no_slopes(surface: SurfaceMesh) -> None:
+    off = np.array([[0.0, 6.0], [-3.0, 6.0], [0.0, 13.0]])
+    for operator in interpolation_with_slopes(surface, off):
+        assert operator.shape == (3, len(surface.points))
+        np.testing.assert_array_equal(np.diff(operator.indptr), [6, 0, 0])
