@@ -19,7 +19,7 @@ class Left:
     """What the fit of an experiment leaves of what was hidden [σ].
 
     Attributes:
-        whole: along what it leaves of the whole effect.
+        whole: of the whole effect, along what a fit cannot take of it.
         like_itself: of each cause, what looks like it.
         beside: the same with the other causes in the model, each of any size, to first order: of
             one that bends a part stays.

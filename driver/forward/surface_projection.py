@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from meshes.arrays import FloatArray
 from meshes.surface import SurfaceMesh, interpolation_with_slopes
 
-_INSET = 2e-3  # pixels stay this far inside the face [µm]
+_INSET = 2e-3  # pixels stay this far inside the face, for beyond its rim no cell holds them [µm]
 
 
 @dataclass(frozen=True, eq=False)

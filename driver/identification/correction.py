@@ -166,13 +166,10 @@ class SecondMesh:
         difference: its correction less that by the first one [µm, µN].
         size: of its cells, where they are the better ones and take the place of the first [µm];
             None where both meshes are as good as each other, and their mean is better than either.
-        course: trajectory of the simulation on it, by which a later one begins its iterations;
-            None where there is none.
     """
 
     difference: Correction
     size: float | None = None
-    course: Trajectory | None = None
 
     @property
     def is_better(self) -> bool:

@@ -26,8 +26,8 @@ _ROUNDS = 2
 _FINE_RUNS = 8
 # So many of them belong to an identification.
 _CORRECTIONS = 2
-# So often the second mesh: whether a finding hangs on the mesh, at the end of the refits that lead,
-# of the extended model.
+# The second mesh is simulated at the baseline, at the ends of two or three refits that lead, twice
+# at some, and at the extended model.
 _SECOND_RUNS = 6
 # Seconds of one core of the correlation for one pixel of one image, all iterations.
 _PIXEL_SECONDS = 8e-6

@@ -88,8 +88,7 @@ def with_candidate_corrections(
     """
     if not refits:
         return []
-    most = refits[0].log_evidence
-    threshold = max(most - max(REACH, REACH_OF_LARGE * most), 0.0)
+    threshold = leading_above(refits[0].log_evidence)
     leading = [
         refit for refit in refits if refit.log_evidence + _may_gain(refit, baseline) > threshold
     ]
@@ -128,6 +127,11 @@ def with_candidate_corrections(
             _tell(refit, own[refit.cause.name], failed.get(refit.cause.name))
     others = [refit for refit in refits if refit not in leading]
     return sorted([*own.values(), *others], key=lambda refit: -refit.log_evidence)
+
+
+def leading_above(best: float) -> float:
+    """Return log evidence above which a refit leads beside the best one."""
+    return max(best - max(REACH, REACH_OF_LARGE * best), 0.0)
 
 
 def _may_gain(refit: Refit, baseline: Evaluation) -> float:
@@ -244,6 +248,6 @@ def under(change: Correction, objective: Objective) -> Objective:
         change: finer minus working prediction elsewhere.
         objective: the objective.
     """
-    # What the second mesh adds is that at the baseline: small beside what this changes.
+    # What the second mesh adds stays: of those that lead it is taken at their ends later.
     whole = change.with_second(objective.second).completed_by(objective.correction)
     return replace(objective, correction=whole)

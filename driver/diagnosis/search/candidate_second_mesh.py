@@ -8,16 +8,22 @@ evidence of 250; at their own ends they are as likely as each other.
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
 from driver.common.progress import quiet
 from driver.diagnosis.answer.result_types import Refit
-from driver.diagnosis.search.candidate_correction import REACH, REACH_OF_LARGE
+from driver.diagnosis.search.candidate_correction import REACH, leading_above
 from driver.diagnosis.search.fine_models import FineModels, added_by_second
+from driver.diagnosis.search.flip_trial import turned
 from driver.diagnosis.search.refit import TOLERANCE, Executor, refit_of, with_prior
+from driver.diagnosis.statistics.correction_change import changed_on_the_way
+from driver.diagnosis.statistics.score_test import WORTH
 from driver.forward.model import ForwardModel
 from driver.identification.correction import SecondMesh
 from driver.identification.fit import Fit, fit_from
@@ -26,6 +32,8 @@ from driver.identification.objective import Evaluation, Objective
 logger = logging.getLogger(__name__)
 
 _MOST = 3  # iterations
+_PASSES = 4  # of one refit
+_SETTLED = 2.0  # log evidence that another pass may change: less parts no causes
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,73 +69,97 @@ def with_second_mesh_at_ends(
 ) -> list[Refit]:
     """Refits, best evidence first, those that lead with what the second mesh adds at their own end.
 
-    Where one leads alone, or one mesh has to do, nothing is simulated. Others follow the two best
-    where as much as any of these has gained may bring them within reach of the best, or next to it.
-    One whose end cannot be simulated stays as it was, and the log says so.
+    Where one leads alone, none is evidence, or one mesh has to do, nothing is simulated. Others
+    follow the two best where as much as any of these has gained may bring them within reach of the
+    best, or next to it. Each goes on until its evidence settles. Where the end of one cannot be
+    simulated all stay as they were, for no refit is to lead by a mesh that others lack; the log
+    says so.
 
     Args:
         refits: the refits, best evidence first.
         baseline: the baseline at its optimum.
         finer: the finer models.
         executor: who refits.
+
+    Raises:
+        NotRunError: a simulation was not run.
+        JobError, ResultFileError: one was killed, ran out of time or left no result.
     """
     if len(refits) < 2 or finer.make_second is None or refits[0].objective.second is None:
         return list(refits)
-    most = refits[0].log_evidence
-    if most - refits[1].log_evidence >= max(REACH, REACH_OF_LARGE * most):
+    best, next_best = (refit.log_evidence for refit in refits[:2])
+    if best <= WORTH or next_best <= leading_above(best):
         return list(refits)
-    logger.info("the second mesh at the end of the refits that lead, the best first")
-    own = {refit.cause.name: refit for refit in refits}
-    gained: dict[str, float] = {}
+    logger.info("the second mesh at the end of the refits that lead")
+    made = attempt(finer.make_second)
+    if isinstance(made, Failure):
+        logger.info(f"  it cannot be made ({made.why})")
+        return list(refits)
+    begun = {refit.cause.name: refit for refit in refits}
+    own, to_come, passes = dict(begun), dict[str, float](), Counter[str]()
     again = list(refits[:2])
     while again:
-        ends = _with_second(again, finer, executor)
+        tasks = [_Task(refit, turned(made, (refit.cause,)), finer.size) for refit in again]
+        ends = side_by_side(_fitted, tasks, executor.processes, executor.threads)
         for refit, end in zip(again, ends, strict=True):
-            name, evidence = refit.cause.name, refit.log_evidence
+            name = refit.cause.name
             if isinstance(end, Failure):
-                gained[name] = 0.0
-                why = f"for it cannot be simulated ({end.why})"
-                logger.info(f"  {name}: log evidence {evidence:+.1f} as it was, {why}")
-                continue
+                logger.info(
+                    f"  {name} cannot be simulated on it ({end.why}): all stay as they were"
+                )
+                return list(refits)
             own[name] = refit_of(refit.cause, _under(end.second, refit), end.fit, baseline)
-            gained[name] = own[name].log_evidence - evidence
-            logger.info(f"  {name}: log evidence {evidence:+.1f} → {own[name].log_evidence:+.1f}")
-        again = _next(own.values(), gained)
+            passes[name] += 1
+            last = passes[name] == _PASSES
+            to_come[name] = 0.0 if last else _to_come(refit, own[name], baseline)
+        gains = [own[name].log_evidence - begun[name].log_evidence for name in to_come]
+        again = _next(own.values(), to_come, max(0.0, *gains))
+    for name in to_come:
+        before, after = (by[name].log_evidence for by in (begun, own))
+        logger.info(f"  {name}: log evidence {before:+.1f} → {after:+.1f}")
     return sorted(own.values(), key=lambda refit: -refit.log_evidence)
 
 
-def _next(refits: Iterable[Refit], gained: Mapping[str, float]) -> list[Refit]:
-    """Return those that may be the best, within reach of it or next to it.
+def _next(refits: Iterable[Refit], to_come: Mapping[str, float], largest: float) -> list[Refit]:
+    """Return those to be fitted again: they may be the best, beside it or next to it.
 
-    By how much the best leads is told, and both are to be what they are told to be.
+    Beside it are those within reach by evidence or by misfit, for either may hold a cause in its
+    set. By how much the best leads is told, and both are to be what they are told to be.
 
     Args:
         refits: as far as they were fitted again.
-        gained: log evidence that brought, by the name of the cause; the others may gain as much.
+        to_come: log evidence that another pass may change, by the name of the cause.
+        largest: log evidence that the first passes may bring those that had none.
     """
-    largest = max(0.0, *gained.values())
 
-    def foreseen(refit: Refit) -> float:
-        return refit.log_evidence + (0.0 if refit.cause.name in gained else largest)
+    def gain(refit: Refit) -> float:
+        return to_come.get(refit.cause.name, largest)
 
-    first, *others = sorted(refits, key=foreseen, reverse=True)
-    near = [refit for refit in others if foreseen(first) - foreseen(refit) < REACH]
-    return [r for r in (first, *(near or others[:1])) if r.cause.name not in gained]
+    first, *others = sorted(refits, key=lambda r: r.log_evidence + gain(r), reverse=True)
+    evidence, misfit = first.log_evidence + gain(first), first.own_misfit - 2 * gain(first)
+    near = [
+        refit
+        for refit in others
+        if evidence - (refit.log_evidence + gain(refit)) < REACH
+        or refit.own_misfit - 2 * gain(refit) - misfit < REACH
+    ]
+    candidates = [first, *(near or others[:1])]
+    return [r for r in candidates if to_come.get(r.cause.name, np.inf) >= _SETTLED]
 
 
-def _with_second(
-    refits: Sequence[Refit], finer: FineModels, executor: Executor
-) -> list[_End | Failure]:
-    """Return refits with what the second mesh adds where they stand, or why there are none."""
-    tasks: list[_Task] = []
-    for refit in refits:
-        make = finer.turned((refit.cause,)).make_second
-        assert make is not None
-        made = attempt(make)
-        if isinstance(made, Failure):
-            return [made] * len(refits)
-        tasks.append(_Task(refit, made, finer.size))
-    return side_by_side(_fitted, tasks, executor.processes, executor.threads)
+def _to_come(before: Refit, after: Refit, baseline: Evaluation) -> float:
+    """Return log evidence that another pass may change.
+
+    What a pass changes goes with the square of what was wrong before it. That is as much of what it
+    was as the correction by the first mesh has changed on the way of the pass, over that on the way
+    from the baseline; all of it for a correction without derivatives.
+    """
+    change = abs(after.log_evidence - before.log_evidence)
+    stood, objective = before.fit, before.objective
+    way = changed_on_the_way(objective, baseline.values, stood.best)
+    if way == 0.0:
+        return change
+    return change * (changed_on_the_way(objective, stood.values, after.fit.best) / way) ** 2
 
 
 @quiet()

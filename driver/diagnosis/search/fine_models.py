@@ -17,7 +17,6 @@ from driver.forward.model import ForwardModel
 from driver.identification.correction import Correction, SecondMesh, correction
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
-from solver_adapters.interface import Trajectory
 
 logger = logging.getLogger(__name__)
 
@@ -63,10 +62,9 @@ class FineModels:
         """
         make = self.make_second
         second = attempt(make) if both and make is not None else None
-        known = None if objective.second is None else objective.second.course
-        tasks = [_Task(objective, here, self.one, True, objective.correction.course)]
+        tasks = [_Task(objective, here, self.one, True)]
         if isinstance(second, ForwardModel):
-            tasks.append(_Task(objective, here, second, False, known))
+            tasks.append(_Task(objective, here, second, False))
         # Jobs for another machine are prepared all at once.
         first, *seconds = side_by_side(_taken, tasks, executor.processes, executor.threads)
         change = first.told()
@@ -120,10 +118,9 @@ def added_by_second(
     Raises:
         SolverError: the finer simulation was not run on the second mesh.
     """
-    known, at, values = objective.second, here.best.prediction, here.values
-    first = objective.correction.without_second(known).at(values)
-    near = None if known is None else Correction(course=known.course)
-    found = attempt(lambda: correction(objective.model, second, at, values, near=near))
+    at, values = here.best.prediction, here.values
+    first = objective.correction.without_second(objective.second).at(values)
+    found = attempt(lambda: correction(objective.model, second, at, values))
     return found if isinstance(found, Failure) else _beside(first, found, size)
 
 
@@ -131,7 +128,7 @@ def _beside(first: Correction, found: Correction, size: float | None) -> SecondM
     """Return what the second mesh says beside the first, by the corrections taken on both."""
     # Steps of first order change both alike.
     (motion, load), (first_motion, first_load) = found.of_mesh, first.of_mesh
-    return SecondMesh(Correction(motion - first_motion, load - first_load), size, found.course)
+    return SecondMesh(Correction(motion - first_motion, load - first_load), size)
 
 
 def _told(failure: Failure) -> str:
@@ -150,20 +147,16 @@ class _Task:
         finer: the finer model.
         first: whether it is on the finer mesh of the case, which has to be simulated, with
             derivatives.
-        course: trajectory of a simulation on the same mesh at other parameters, if there is one.
     """
 
-    def __init__(
-        self, objective: Objective, here: Fit, finer: ForwardModel, first: bool,
-        course: Trajectory | None,
-    ) -> None:  # fmt: skip
+    def __init__(self, objective: Objective, here: Fit, finer: ForwardModel, first: bool) -> None:
         best = here.best
         self.first = first
         # The images stay where they are.
         self.take = partial(
             correction, objective.model, finer, best.prediction, here.values,
             free=best.free if first else (),
-            near=Correction(course=course),
+            near=Correction(course=objective.correction.course) if first else None,
         )  # fmt: skip
 
 

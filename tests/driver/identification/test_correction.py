@@ -170,7 +170,15 @@ def test_two_meshes_as_good_as_each_other_judge_by_their_mean() -> None:
 
 def test_without_a_second_mesh_a_correction_is_what_it_is() -> None:
     first = of(1e-3, 2.0)
-    assert first.with_second(None) is first
+    assert first.with_second(None) is first and first.without_second(None) is first
+
+
+@pytest.mark.parametrize("size", [0.667, None])
+def test_what_a_second_mesh_added_can_be_taken_off_again(size: float | None) -> None:
+    second = SecondMesh(of(0.5e-3, -1.0), size)
+    again = of(1e-3, 2.0).with_second(second).without_second(second)
+    np.testing.assert_allclose(again.motion, 1e-3)
+    np.testing.assert_allclose(again.load, 2.0)
 
 
 def test_the_covariance_is_that_of_what_the_better_mesh_leaves_and_of_equals_that_of_either() -> (

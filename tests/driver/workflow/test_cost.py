@@ -13,6 +13,7 @@ from driver.case.model import load_case, write_case
 from driver.diagnosis.causes.all_causes import NAMES
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.experiment.image_sizes import StackSize, stack_size
+from driver.identification.correction_cost import correction_seconds
 from driver.workflow import cost
 from driver.workflow.cost import Cost, estimate, identified_images, measuring_memory
 from solver_adapters.bundled.adapter import BundledAdapter
@@ -137,6 +138,21 @@ def test_the_second_mesh_is_simulated_in_each_process_and_without_derivatives(
     coarse, fine, finest = (of_a_process(size) for size in (1.0, 0.25, 0.125))
     # The finer mesh with its derivatives takes more than a second one of its size.
     assert coarse == of_a_process(1.1) < fine < finest
+
+
+def test_the_second_mesh_is_simulated_half_a_dozen_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    costs = []
+    for size in (1.0, 0.125):
+        monkeypatch.setattr(cost, "size_of_second_mesh", lambda case, size=size: size)
+        costs.append(with_tables(execution={"processes": 1}))
+    case, n = load_case(ALPHA / "case.toml"), 264
+    solver = BundledAdapter().capabilities()
+    large, small = (
+        correction_seconds(case, solver, n, 97, size, (0,) * 6) for size in (0.125, 1.0)
+    )
+    assert costs[1].seconds - costs[0].seconds == pytest.approx(large - small)
+    # One process alone holds it, too.
+    assert costs[1].memory > 1.2 * costs[0].memory
 
 
 def test_each_refit_keeps_its_derivatives_at_the_pixels_of_the_face() -> None:

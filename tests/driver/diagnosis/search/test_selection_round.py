@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from driver.diagnosis.answer.result_types import Refit
-from driver.diagnosis.search import candidate_selection
+from driver.diagnosis.search import candidate_selection, selection_round
 from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.fine_models import FineModels
+from driver.diagnosis.search.refit import Executor
 from driver.diagnosis.search.selection_round import WITHIN, examine, set_of
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score
 from driver.identification.fit import Fit
-from driver.identification.objective import Objective
+from driver.identification.objective import Evaluation, Objective
 from tools import closed_form
 from tools.closed_form_diagnosis import SETTINGS, finer, identified
 
@@ -69,6 +70,19 @@ def test_an_effect_far_beyond_its_prior_is_significant_and_still_not_added() -> 
     assert found.round_.scores[0].p < NAMING_LEVEL and refit.log_evidence < WORTH
     assert refit.log_evidence == pytest.approx(found.round_.scores[0].log_evidence, abs=0.3)
     assert found.winner is None and found.round_.named == ()
+
+
+def test_the_one_to_add_is_the_best_by_the_second_mesh_at_the_ends() -> None:
+    objective, baseline = tilting()
+
+    def at_ends(refits: list[Refit], at: Evaluation, finer: FineModels, _: Executor) -> list[Refit]:
+        assert at is baseline.best and finer is FINER
+        return [replace(refit, log_evidence=99.0) for refit in refits]
+
+    with patch.object(selection_round, "with_second_mesh_at_ends", at_ends):
+        found = examine(baseline, objective, (), EVERY, NO_STOPS, None, FINER)
+    assert found.winner is not None and found.winner.log_evidence == 99.0
+    assert found.round_.refits[0] is found.winner
 
 
 ALONG = {"a": (1.0, 0.0, 0.0), "b": (0.0, 1.0, 0.0), "like b": (0.0, 0.999, 0.04), "c": (0, 0, 1.0)}
