@@ -9,11 +9,8 @@ that the derivative holds has nothing to say beside it. Of a cause with a kink a
 nowhere: that one is always looked at, a third of a prior scale off its null as well, and counts
 there however small it is.
 
-The derivative of a band across a grain is that of one place, and so is what it says of the
-correction. Where something is wrong the band is looked at in several, under the correction taken
-there where it promises something; from the one that shows most it is refitted, and again under the
-correction at its end until that settles. Its middle and its width are found by the data as well:
-they are two more degrees of freedom in its significance.
+What lies somewhere, as a band across a grain, is looked at in its places (`looks_in_places`). Its
+middle and its width are two more degrees of freedom in its significance.
 """
 
 from __future__ import annotations
@@ -24,46 +21,36 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from driver.common.distributions import chi2_sf
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
 from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.causes.noise_causes import COVARIANCE
-from driver.diagnosis.search.candidate_correction import corrected_refit, under
+from driver.diagnosis.search.looks import Side, Task, promises, seen_at
+from driver.diagnosis.search.looks_in_places import looks_in_places, refit_from_place
 from driver.diagnosis.search.refit import (
     FAR,
     MOST_FROM_AFAR,
     Executor,
     Start,
     added_by,
-    freed_with,
     refit_from,
-    refit_line,
-    refit_of,
     with_prior,
 )
 from driver.diagnosis.statistics.bayes_factor import amounts_of
-from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, score, significance
-from driver.diagnosis.statistics.screening import off_by_meshes
+from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, significance
 from driver.forward.model import ForwardModel
 from driver.forward.prediction import Prediction
-from driver.identification.correction import Correction, correction
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from meshes.arrays import FloatArray
 
 logger = logging.getLogger(__name__)
 
-PROMISING = 0.02  # probability of one look under the null, below which a refit follows
 HOPEFUL = 0.5  # of the best log evidence of any cause so far, which a side has to promise as well
 BESIDE_A_KINK = 1.0 / 3.0
 """Prior scales: of a lag 1 s, beyond the half second in which its rate changes (`load_at`)."""
-_FARTHEST = 7.0
-"""Prior scales with which a refit of what lies somewhere begins at most: of τ₀ a factor of two."""
-_MOST_CORRECTIONS = 4
-_SETTLED = 1.0  # change of the log evidence by the last of them
 _SURE = 2.0  # standard deviations by which an amount is known
 _LOOKS = 2  # either side
 _REFITS = 1  # where a refit ends
@@ -85,29 +72,6 @@ class FiniteStepScores:
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
-    """A cause to look at.
-
-    Attributes:
-        near: its score, to first order.
-        here: the fit that is examined.
-        objective: its objective.
-        finer: the finer model behind its correction.
-        family: number of tries.
-        variance: of whitened numbers along the causes.
-        least: log evidence that a side has to promise for a refit.
-    """
-
-    near: Score
-    here: Fit
-    objective: Objective
-    finer: ForwardModel
-    family: int
-    variance: float
-    least: float
-
-
-@dataclass(frozen=True, eq=False)
 class _Look:
     """What a look at one cause shows.
 
@@ -120,21 +84,6 @@ class _Look:
     score: Score
     refits: tuple[Refit, ...]
     lines: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class _Side:
-    """The fit with a cause off its null, and what that shows.
-
-    Attributes:
-        amount: how far off, in prior scales.
-        at: evaluation there.
-        score: of the cause, by the change from the fit to there.
-    """
-
-    amount: float
-    at: Evaluation
-    score: Score
 
 
 def finite_step_scores(
@@ -175,7 +124,7 @@ def finite_step_scores(
     def looked(bent: Sequence[Score], before: int, rivals: Sequence[Score]) -> list[_Look]:
         family = len(scores) + before + _tries(bent)
         least = max([WORTH, *(HOPEFUL * s.log_evidence for s in rivals)])
-        tasks = [_Task(near, here, objective, finer, family, variance, least) for near in bent]
+        tasks = [Task(near, here, objective, finer, family, variance, least) for near in bent]
         if tasks:
             logger.info(f"looking from afar at {', '.join(near.cause.name for near in bent)}")
 
@@ -210,27 +159,27 @@ def _of_the_mean(scores: Sequence[Score]) -> list[Score]:
     return [s for s in scores if s.cause not in COVARIANCE]
 
 
-def _look(task: _Task) -> _Look:
+def _look(task: Task) -> _Look:
     """Both sides or all places of a cause, and a refit from the one that promises most."""
     with collected_lines() as lines:
         best, refits = _best_score(task)
     return _Look(best, tuple(refits), tuple(lines))
 
 
-def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
+def _best_score(task: Task) -> tuple[Score, list[Refit]]:
     """Return the score of a cause from where it shows best, and its refits."""
     near, fitted = task.near, task.here
     extended = with_prior(task.objective, near.cause)
     if near.cause.places:
-        sides = _places(task, extended)
+        sides = looks_in_places(task, extended)
     else:
-        sides = [_scored(task, at, n) for at, n in _sides(near, fitted, extended) if n]
+        sides = [seen_at(task, at, n) for at, n in _sides(near, fitted, extended) if n]
     promising = [
         one
         for one in sides
         if (near.cause.places or one.score.estimate[0] * one.amount > 0)
         and _may_be_far(one.score)
-        and _promises(one)
+        and promises(one)
     ]
     scores = [near, *(one.score for one in promising)]
     refits: list[Refit] = []
@@ -257,7 +206,7 @@ def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
     return best, refits
 
 
-def _visible(near: Score, sides: Sequence[_Side]) -> list[FloatArray]:
+def _visible(near: Score, sides: Sequence[Side]) -> list[FloatArray]:
     """Return what would have been seen on either side, or in each place.
 
     Of a side that counts which of its looks shows most. The derivative is that of one place more.
@@ -278,100 +227,16 @@ def _least_amount(cause: Cause) -> float:
     return 0.0 if cause.kinked or cause.places else FAR[0]
 
 
-def _scored(task: _Task, at: Evaluation, amount: float) -> _Side:
-    fitted, degrees = task.here.inside(task.objective), task.objective.data.load_degrees
-    change = (fitted.residual - at.residual)[None] / amount
-    off = off_by_meshes(task.objective)
-    scored = score(task.near.cause, change, fitted, task.family, degrees, task.variance, off)
-    return _Side(amount, at, scored)
-
-
-def _places(task: _Task, extended: Objective) -> list[_Side]:
-    """Return the fit with a cause off its null in each of its places, or where the case states it.
-
-    Where that promises something it is seen again under the correction there: that of the fit knows
-    no band, and its derivative is that of one place.
-    """
-    cause, fitted = task.near.cause, task.here
-    (name,), where = cause.parameters, cause.companions[0]
-    null, parameter = extended.prior[name][0], extended.parameters[name]
-    model = extended.warm_started_from(fitted.best).model
-    off = parameter.value(-FAR[-1] * parameter.width, null)
-    places = cause.places if null == 0.0 else (fitted.values[where],)
-    every = [fitted.values | {name: off, where: place} for place in places]
-
-    def predicted(values: Mapping[str, float]) -> Prediction | Failure:
-        return attempt(lambda: model.predict(values, ()))
-
-    def corrected(at: Evaluation) -> Correction | Failure:
-        return attempt(
-            lambda: correction(
-                model, task.finer, at.prediction, at.values, near=extended.correction
-            )
-        )
-
-    sides = []
-    for values, prediction in zip(every, side_by_side(predicted, every, 1), strict=True):
-        if isinstance(prediction, Failure):
-            logger.info(f"  {where} = {values[where]:.3g} cannot be simulated ({prediction.why})")
-            continue
-        at = extended.compare(prediction, values, ())
-        sides.append(_scored(task, at, float(amounts_of(cause.parameters, values, extended)[0])))
-    again = [place for place, side in enumerate(sides) if _promises(side)]
-    changes = side_by_side(corrected, [sides[place].at for place in again], 1)
-    for place, change in zip(again, changes, strict=True):
-        side = sides[place]
-        if isinstance(change, Failure):
-            told = f"{where} = {side.at.values[where]:.3g} cannot be simulated finer"
-            logger.info(f"  {told} ({change.why})")
-            continue
-        at = under(change, extended).compare(side.at.prediction, side.at.values, ())
-        sides[place] = _scored(task, at, side.amount)
-    return sides
-
-
-def _promises(side: _Side) -> bool:
-    return bool(chi2_sf(side.score.statistic, side.score.degrees) < PROMISING)
-
-
-def _refits(task: _Task, extended: Objective, begin: _Side) -> list[Refit]:
-    """Return the refit of a cause from the side that promises most; none if it is given up.
-
-    What lies somewhere is refitted under the correction where it begins, then under those at its
-    ends until the evidence settles, or as far as these can be simulated.
-    """
+def _refits(task: Task, extended: Objective, begin: Side) -> list[Refit]:
+    """Return the refit of a cause from the look that promises most; none if it is given up."""
     cause, fitted = task.near.cause, task.here.best
-    if not cause.places:
-        start = Start(cause, extended, begin.at.values, None, fitted, np.inf, MOST_FROM_AFAR)
-        return refit_from([start], Executor(1, 1))
-    # Of either sign, and of the size that the change bears.
-    (name,) = cause.parameters
-    size = np.clip(begin.score.estimate[0], -_FARTHEST, _FARTHEST) * extended.parameters[name].width
-    values = begin.at.values | {
-        name: extended.parameters[name].value(float(size), extended.prior[name][0])
-    }
-    free, beside = freed_with(fitted, cause), extended.warm_started_from(fitted)
-    first = attempt(lambda: beside.evaluate(values, free))
-    if isinstance(first, Failure):
-        logger.info(f"  {cause.name}: given up, for it cannot be simulated ({first.why})")
-        return []
-    here = refit_of(cause, extended, Fit(first, False, "where it was looked at", ()), fitted)
-    done: list[Refit] = []
-    for _ in range(_MOST_CORRECTIONS):
-        after = corrected_refit(here, task.finer, fitted, MOST_FROM_AFAR)
-        if isinstance(after, Failure):
-            logger.info(f"  {cause.name}: no further correction, for that failed ({after.why})")
-            break
-        settled = bool(done) and abs(after.log_evidence - here.log_evidence) < _SETTLED
-        here, done = after, [after]
-        if settled:
-            break
-    for refit in done:
-        logger.info(refit_line(refit))
-    return done
+    if cause.places:
+        return refit_from_place(task, extended, begin)
+    start = Start(cause, extended, begin.at.values, None, fitted, np.inf, MOST_FROM_AFAR)
+    return refit_from([start], Executor(1, 1))
 
 
-def _gained(refit: Refit, side: Score, task: _Task) -> Score:
+def _gained(refit: Refit, side: Score, task: Task) -> Score:
     """Return score that a refit is: its statistic is the likelihood ratio."""
     fitted, degrees = task.here.best, task.objective.data.load_degrees
     at = refit.fit.best

@@ -3,34 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from driver.common.outcomes import Failure
 from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import LIBRARY
-from driver.diagnosis.search import candidate_correction, finite_step_score
+from driver.diagnosis.search import finite_step_score, looks
 from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.fine_models import FineModels
-from driver.diagnosis.search.finite_step_score import FiniteStepScores, finite_step_scores
-from driver.diagnosis.search.refit import Executor, Start, refit_from, with_prior
+from driver.diagnosis.search.finite_step_score import finite_step_scores
+from driver.diagnosis.search.refit import Executor, Start, refit_from
 from driver.diagnosis.search.selection_round import examine
-from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, effects_of
-from driver.diagnosis.statistics.screening import screen, screened
+from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score
 from driver.experiment.history import History, turning_points
-from driver.forward.model import ForwardModel
 from driver.identification.correction import Correction, SecondMesh
-from driver.identification.fit import Fit
-from driver.identification.objective import Evaluation, Objective
+from driver.identification.objective import Evaluation
 from driver.parameters.registry import declared_parameters
 from meshes.arrays import FloatArray
 from solver_adapters.interface import PreparedError, Simulation, SolverError
-from solver_adapters.material import with_parameters
+from tests.driver.diagnosis.search.examined import (
+    Examined,
+    finer_of,
+    first_order,
+    look,
+    score_of,
+    scored,
+    with_scores,
+)
 from tools import closed_form
 from tools.closed_form import ClosedFormSolver
 from tools.closed_form_diagnosis import SETTINGS, finer, identified
@@ -72,68 +75,14 @@ class Brittle(Bent):
         return super().answer(simulation)
 
 
-@dataclass(frozen=True, eq=False)
-class Examined:
-    """First-order scores of causes of the law at a fit."""
-
-    scores: list[Score]
-    fit: Fit
-    objective: Objective
-
-
 def examined(truth: float, solver: type[Bent] = Bent, seed: int = 0) -> Examined:
     """A fit to data in which a non-Schmid stress is hidden, and its scores."""
     return scored(as_others(truth), WANTED, solver, seed)
 
 
-def scored(
-    hidden: dict[str, float],
-    wanted: Sequence[str],
-    solver: type[ClosedFormSolver] = ClosedFormSolver,
-    seed: int = 0,
-) -> Examined:
-    """A fit to data in which something is hidden, and the scores of some causes."""
-    problem = closed_form.problem()
-    objective = closed_form.objective(problem, problem.truth | hidden, seed)
-    objective, fitted = identified(problem, objective)
-    objective = replace(objective, model=replace(objective.model, adapter=solver()))
-    return first_order(fitted, objective, wanted)
-
-
-def first_order(fitted: Fit, objective: Objective, wanted: Sequence[str]) -> Examined:
-    """The scores of some causes at a fit."""
-    candidates, names = screened(objective.model, fitted.best.free, wanted)
-    augmented = objective.evaluate(fitted.values, names)
-    effects = effects_of(candidates, augmented, objective.parameters)
-    scores, _ = screen(fitted, objective, candidates, effects, SETTINGS.sizes)
-    return Examined(scores, fitted, objective)
-
-
-def look(at: Examined, accepted: bool = True) -> FiniteStepScores:
-    return finite_step_scores(
-        at.scores, at.fit, at.objective, finer_of(at), 1.0, accepted, Executor(1, 1)
-    )
-
-
-def finer_of(at: Examined) -> ForwardModel:
-    solver = at.objective.model.adapter
-    assert isinstance(solver, ClosedFormSolver)
-    return replace(at.objective.model, adapter=type(solver)(0.001))
-
-
-def with_scores(at: Examined, *changed: Score) -> Examined:
-    """The same with other scores of some causes, best log evidence first."""
-    by_name = {s.cause.name: s for s in (*at.scores, *changed)}
-    return replace(at, scores=sorted(by_name.values(), key=lambda s: -s.log_evidence))
-
-
 def not_hiding(score: Score) -> Score:
     """Of a cause that bends, and that does not hide from all others."""
     return replace(score, cause=replace(score.cause, check_always=False))
-
-
-def _of(scores: list[Score], name: str) -> Score:
-    return next(s for s in scores if s.cause.name == name)
 
 
 @pytest.fixture(scope="module")
@@ -142,10 +91,10 @@ def hidden() -> Examined:
 
 
 def test_an_effect_that_its_derivative_does_not_show_is_found_from_afar(hidden: Examined) -> None:
-    near = _of(hidden.scores, "non_schmid")
+    near = score_of(hidden.scores, "non_schmid")
     assert near.p > 0.1
     found = look(hidden)
-    far = _of(found.scores, "non_schmid")
+    far = score_of(found.scores, "non_schmid")
     assert far is found.scores[0] and far.p < NAMING_LEVEL
     (refit,) = found.refits
     assert abs(refit.fit.values["a1"] - TRUTH) < 3 * refit.fit.sigma(
@@ -158,9 +107,9 @@ def test_the_end_of_a_refit_gains_more_than_the_sides_show(
     hidden: Examined, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The effect goes on bending beyond three prior scales."""
-    end = _of(look(hidden).scores, "non_schmid")
+    end = score_of(look(hidden).scores, "non_schmid")
     monkeypatch.setattr(finite_step_score, "refit_from", lambda tasks, executor: [])
-    side = _of(look(hidden).scores, "non_schmid")
+    side = score_of(look(hidden).scores, "non_schmid")
     assert end.statistic > side.statistic + 5.0
     assert side.estimate[0] == pytest.approx(6.5, abs=1.0)  # by the secant to three scales
     assert end.estimate[0] == pytest.approx(10 * TRUTH, rel=0.1)
@@ -173,9 +122,9 @@ def test_what_a_side_promises_and_a_refit_does_not_keep_does_not_count(
         return replace(side, estimate=np.zeros(1), log_evidence=-1.0)
 
     monkeypatch.setattr(finite_step_score, "_gained", gone)
-    found, near = look(hidden), _of(hidden.scores, "non_schmid")
+    found, near = look(hidden), score_of(hidden.scores, "non_schmid")
     assert not found.refits
-    assert _of(found.scores, "non_schmid").log_evidence == near.log_evidence
+    assert score_of(found.scores, "non_schmid").log_evidence == near.log_evidence
 
 
 def test_a_refit_that_is_worth_nothing_does_not_join_the_others(
@@ -185,32 +134,32 @@ def test_a_refit_that_is_worth_nothing_does_not_join_the_others(
         return [replace(refit, log_evidence=0.9 * WORTH) for refit in refit_from(tasks, executor)]
 
     monkeypatch.setattr(finite_step_score, "refit_from", little)
-    found, near = look(hidden), _of(hidden.scores, "non_schmid")
+    found, near = look(hidden), score_of(hidden.scores, "non_schmid")
     assert not found.refits
-    assert _of(found.scores, "non_schmid").statistic == near.statistic
+    assert score_of(found.scores, "non_schmid").statistic == near.statistic
 
 
 def test_a_cause_that_does_not_hide_is_looked_at_where_something_is_wrong_alone(
     hidden: Examined,
 ) -> None:
-    near = not_hiding(_of(hidden.scores, "non_schmid"))
+    near = not_hiding(score_of(hidden.scores, "non_schmid"))
     at = with_scores(hidden, near)
-    assert _of(look(at).scores, "non_schmid") is near
+    assert score_of(look(at).scores, "non_schmid") is near
     assert look(at, accepted=False).scores[0].cause == near.cause
-    seen = replace(_of(hidden.scores, "cold_work"), p=0.9 * NAMING_LEVEL)
-    assert _of(look(with_scores(at, seen)).scores, "non_schmid").p < NAMING_LEVEL
+    seen = replace(score_of(hidden.scores, "cold_work"), p=0.9 * NAMING_LEVEL)
+    assert score_of(look(with_scores(at, seen)).scores, "non_schmid").p < NAMING_LEVEL
 
 
 def test_a_bent_cause_that_its_derivative_shows_is_looked_at_unless_it_leads(
     hidden: Examined,
 ) -> None:
     """Its derivative shows a part of it, by which another cause may come first."""
-    near = not_hiding(_of(hidden.scores, "non_schmid"))
+    near = not_hiding(score_of(hidden.scores, "non_schmid"))
     near = replace(near, p=1e-4, log_evidence=5.0)
-    first = replace(_of(hidden.scores, "cold_work"), p=1e-6, log_evidence=9.0)
+    first = replace(score_of(hidden.scores, "cold_work"), p=1e-6, log_evidence=9.0)
     found = look(with_scores(hidden, near, first))
     assert found.scores[0].cause == near.cause and found.scores[0].log_evidence > 9.0
-    assert _of(look(with_scores(hidden, near)).scores, "non_schmid") is near
+    assert score_of(look(with_scores(hidden, near)).scores, "non_schmid") is near
     chance = replace(near, p=0.9, log_evidence=5.0)
     assert look(with_scores(hidden, chance), accepted=False).refits
 
@@ -219,7 +168,7 @@ def test_a_cause_that_hides_and_is_seen_from_afar_has_the_others_looked_at(
     hidden: Examined, lines: list[str]
 ) -> None:
     bowed = next(cause for cause in LIBRARY if cause.name == "boundary_bow")
-    other = replace(_of(hidden.scores, "cold_work"), cause=replace(bowed, parameters=("x0",)))
+    other = replace(score_of(hidden.scores, "cold_work"), cause=replace(bowed, parameters=("x0",)))
     look(with_scores(hidden, other))
     assert [line for line in lines if line.startswith("looking")] == [
         "looking from afar at non_schmid", "looking from afar at boundary_bow",
@@ -232,11 +181,11 @@ def test_a_side_that_promises_little_beside_what_is_known_is_scored_and_not_refi
 ) -> None:
     with monkeypatch.context() as without:
         without.setattr(finite_step_score, "refit_from", lambda starts, executor: [])
-        side = _of(look(hidden).scores, "non_schmid")
-    known = replace(_of(hidden.scores, "cold_work"), log_evidence=times * side.log_evidence)
+        side = score_of(look(hidden).scores, "non_schmid")
+    known = replace(score_of(hidden.scores, "cold_work"), log_evidence=times * side.log_evidence)
     found = look(with_scores(hidden, known))
     assert len(found.refits) == refits
-    assert _of(found.scores, "non_schmid").log_evidence >= side.log_evidence > 3.0
+    assert score_of(found.scores, "non_schmid").log_evidence >= side.log_evidence > 3.0
 
 
 @pytest.mark.parametrize(("sigma", "refits"), [(0.31, 1), (0.29, 0)])
@@ -244,34 +193,32 @@ def test_a_side_that_puts_a_cause_where_its_derivative_holds_promises_nothing(
     hidden: Examined, monkeypatch: pytest.MonkeyPatch, sigma: float, refits: int
 ) -> None:
     """At the paper's size three such refits took twelve minutes, and gained nothing."""
-    scored, near = finite_step_score._scored, _of(hidden.scores, "non_schmid")
+    scored, near = looks.seen_at, score_of(hidden.scores, "non_schmid")
 
-    def at_0_4(
-        task: finite_step_score._Task, at: Evaluation, amount: float
-    ) -> finite_step_score._Side:
+    def at_0_4(task: looks.Task, at: Evaluation, amount: float) -> looks.Side:
         side = scored(task, at, amount)
         estimate = np.array([np.copysign(0.4, amount)])
         known = replace(side.score, estimate=estimate, sigma=np.array([sigma]))
         return replace(side, score=known)
 
-    monkeypatch.setattr(finite_step_score, "_scored", at_0_4)
+    monkeypatch.setattr(finite_step_score, "seen_at", at_0_4)
     found = look(hidden)
     assert len(found.refits) == refits
-    assert (_of(found.scores, "non_schmid").statistic == near.statistic) == (refits == 0)
+    assert (score_of(found.scores, "non_schmid").statistic == near.statistic) == (refits == 0)
 
 
 def test_what_hides_is_not_less_significant_for_looks_that_may_follow(hidden: Examined) -> None:
     bowed = next(cause for cause in LIBRARY if cause.name == "boundary_bow")
-    spare = replace(_of(hidden.scores, "cold_work"), cause=replace(bowed, parameters=("x0",)))
+    spare = replace(score_of(hidden.scores, "cold_work"), cause=replace(bowed, parameters=("x0",)))
     followed = replace(
         hidden, scores=[spare if s.cause.name == "cold_work" else s for s in hidden.scores]
     )
-    p, again = (_of(look(at).scores, "non_schmid").p for at in (hidden, followed))
+    p, again = (score_of(look(at).scores, "non_schmid").p for at in (hidden, followed))
     assert again == p
 
 
 def test_looks_side_by_side_see_what_looks_one_after_the_other_see(hidden: Examined) -> None:
-    near = _of(hidden.scores, "non_schmid")
+    near = score_of(hidden.scores, "non_schmid")
     twin = replace(near, cause=replace(near.cause, name="twin"))
     at = with_scores(hidden, twin)
     one, two = (
@@ -285,7 +232,7 @@ def test_looks_side_by_side_see_what_looks_one_after_the_other_see(hidden: Exami
 
 def test_from_where_on_a_bent_effect_is_seen_is_told_by_a_look() -> None:
     right = examined(0.0)
-    near, far = (_of(s, "non_schmid") for s in (right.scores, look(right).scores))
+    near, far = (score_of(s, "non_schmid") for s in (right.scores, look(right).scores))
     assert near.visible[0] > 100.0 and 2.0 < far.visible[0] < 10.0
 
 
@@ -294,16 +241,16 @@ def test_what_two_meshes_differ_by_counts_in_what_a_look_shows() -> None:
     known = right.fit.best.prediction
     apart_by = Correction(0.0 * known.motion, 10.0 * np.sin(np.arange(len(known.load))))
     apart = replace(right, objective=replace(right.objective, second=SecondMesh(apart_by)))
-    far, beside = (_of(look(at).scores, "non_schmid") for at in (right, apart))
+    far, beside = (score_of(look(at).scores, "non_schmid") for at in (right, apart))
     assert beside.visible[0] > 1.05 * far.visible[0]
 
 
 def test_what_is_seen_is_not_smaller_than_what_is_visible(hidden: Examined) -> None:
     """A side far from the null may show less than the derivative that has found the cause."""
-    near = not_hiding(_of(hidden.scores, "non_schmid"))
+    near = not_hiding(score_of(hidden.scores, "non_schmid"))
     near = replace(near, p=3e-17, log_evidence=1e3, estimate=np.array([-0.5]))
-    leader = replace(_of(hidden.scores, "cold_work"), log_evidence=2e3)
-    found = _of(look(with_scores(hidden, near, leader)).scores, "non_schmid")
+    leader = replace(score_of(hidden.scores, "cold_work"), log_evidence=2e3)
+    found = score_of(look(with_scores(hidden, near, leader)).scores, "non_schmid")
     assert found.p == 3e-17 and found.estimate == [-0.5]
     assert found.visible == [0.5]
 
@@ -313,7 +260,7 @@ def test_causes_that_do_not_bend_keep_their_scores(hidden: Examined) -> None:
     assert {s.cause.name for s in found} == {s.cause.name for s in hidden.scores}
     for score in hidden.scores:
         if not score.cause.strongly_nonlinear:
-            assert _of(found, score.cause.name) is score
+            assert score_of(found, score.cause.name) is score
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -385,7 +332,7 @@ def test_a_lag_out_of_a_hold_is_found_though_loads_relax_in_it(lag: float, hold:
 
 
 def test_a_lag_within_a_hold_where_the_load_has_relaxed_counts_as_unseen() -> None:
-    lag = _of(look(relaxing({"load_lag": -6.0}, 30.0)).scores, "load_lag")
+    lag = score_of(look(relaxing({"load_lag": -6.0}, 30.0)).scores, "load_lag")
     assert lag.p > NAMING_LEVEL
     width = declared_parameters(1)["load_lag"].width
     assert width * lag.visible[0] > 6.0
@@ -401,10 +348,10 @@ def test_a_lag_is_looked_at_in_one_simulation(monkeypatch: pytest.MonkeyPatch) -
 
     answer = ClosedFormSolver.answer
     monkeypatch.setattr(ClosedFormSolver, "answer", counted)
-    together = _of(look(right).scores, "load_lag")
+    together = score_of(look(right).scores, "load_lag")
     assert runs == [1]
     monkeypatch.setattr(type(right.objective.model), "simulated", lambda self, name: True)
-    apart = _of(look(right).scores, "load_lag")
+    apart = score_of(look(right).scores, "load_lag")
     assert runs == [5]
     np.testing.assert_allclose(together.visible, apart.visible, rtol=1e-12)
 
@@ -420,18 +367,21 @@ def test_a_lag_that_cannot_be_simulated_leaves_its_derivative(
     monkeypatch.setattr(ClosedFormSolver, "answer", none)
     with collected_lines() as lines:
         found = look(right)
-    assert _of(found.scores, "load_lag") == _of(right.scores, "load_lag") and not found.refits
+    assert (
+        score_of(found.scores, "load_lag") == score_of(right.scores, "load_lag")
+        and not found.refits
+    )
     assert sum("cannot be simulated (no solution)" in line for line in lines) == 4
 
 
 def test_what_would_have_been_seen_of_a_lag_is_seen_on_the_side_that_shows_less() -> None:
     right = scored({}, BESIDE_LAG)
-    lag = _of(look(right).scores, "load_lag")
+    lag = score_of(look(right).scores, "load_lag")
     assert lag.p > NAMING_LEVEL
     hidden = scored({"load_lag": float(-3.0 * lag.visible[0])}, BESIDE_LAG)
-    seen = _of(look(hidden).scores, "load_lag").statistic
+    seen = score_of(look(hidden).scores, "load_lag").statistic
     assert seen == pytest.approx(4.5**2, rel=0.2)
-    assert _of(hidden.scores, "load_lag").statistic < 0.5 * seen
+    assert score_of(hidden.scores, "load_lag").statistic < 0.5 * seen
 
 
 def test_a_side_that_cannot_be_simulated_is_told_and_the_other_is_looked_at(
@@ -439,7 +389,7 @@ def test_a_side_that_cannot_be_simulated_is_told_and_the_other_is_looked_at(
 ) -> None:
     found = look(examined(-TRUTH, Brittle))
     assert "  a1 = 0.3 cannot be simulated (no solution)" in lines
-    assert _of(found.scores, "non_schmid").p < NAMING_LEVEL
+    assert score_of(found.scores, "non_schmid").p < NAMING_LEVEL
 
 
 class Elsewhere(Bent):
@@ -485,181 +435,9 @@ def test_along_a_parameter_at_its_bound_the_residual_is_seen_from_afar_as_well(
     at = replace(hidden, objective=objective)
     given = replace(at, fit=replace(fitted, best=fitted.inside(objective)))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(finite_step_score, "PROMISING", 0.0)  # no refit, which frees it again
-        one, other, free = (_of(look(seen).scores, "non_schmid") for seen in (at, given, hidden))
+        patch.setattr(looks, "PROMISING", 0.0)  # no refit, which frees it again
+        one, other, free = (
+            score_of(look(seen).scores, "non_schmid") for seen in (at, given, hidden)
+        )
     assert one.visible == pytest.approx(other.visible)
     assert one.visible != pytest.approx(free.visible, rel=1e-3)
-
-
-BESIDE_BAND = ("band_grain2", "cold_work", "residual_stress")
-BAND = {
-    "tau0_grain2_band": -0.3,
-    "tau0_grain2_band_middle": 0.6,
-    "tau0_grain2_band_half_width": 0.4,
-}
-SHAPED = {"tau0_112": (-0.5, 0.4), "tau0_grain2": (0.2, 0.8), "C44_scale": (0.8, 1.6)}
-"""What a band does here: other things in other places along the grain, and how much of each."""
-
-
-def as_shaped(height: float, middle: float, half_width: float) -> dict[str, float]:
-    return {
-        name: float(np.exp(much * height * np.exp(-(((place - middle) / half_width) ** 2))))
-        for name, (place, much) in SHAPED.items()
-    }
-
-
-class Banded(ClosedFormSolver):
-    """A solver that knows a band across the second grain."""
-
-    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
-        m = simulation.material
-        band = (m.tau0_grain2_band, m.tau0_grain2_band_middle, m.tau0_grain2_band_half_width)
-        return super().answer(replace(simulation, material=with_parameters(m, as_shaped(*band))))
-
-
-class Coarse(Banded):
-    """The same whose cells make half of a band, until they are finer."""
-
-    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
-        m = simulation.material
-        if not self.finer:
-            m = replace(m, tau0_grain2_band=0.5 * m.tau0_grain2_band)
-        return super().answer(replace(simulation, material=m))
-
-
-def with_band(height: float, seed: int = 0, solver: type[Banded] = Banded) -> Examined:
-    """The scores at a fit without a band, to data that have one."""
-    _, middle, half_width = BAND.values()
-    return scored(as_shaped(height, middle, half_width), BESIDE_BAND, solver, seed)
-
-
-@pytest.mark.parametrize("height", [-0.3, 0.3])
-def test_a_band_is_found_where_it_lies_with_its_height_and_its_width(height: float) -> None:
-    """Its derivative is that of a band in the middle of the grain, and shows less."""
-    hidden = with_band(height)
-    near = _of(hidden.scores, "band_grain2")
-    found = look(hidden, accepted=False)
-    band = found.scores[0]
-    assert band.cause.name == "band_grain2" and band.p < NAMING_LEVEL
-    assert band.statistic > 2 * near.statistic
-    (refit,) = found.refits
-    for name, value in (BAND | {"tau0_grain2_band": height}).items():
-        sigma = refit.fit.sigma(name, hidden.objective.parameters)
-        assert abs(refit.fit.values[name] - value) < 3 * sigma, name
-
-
-def test_a_band_of_which_the_cells_make_half_is_found_under_the_correction_where_it_lies() -> None:
-    """That of the fit knows no band: it would be twice as high."""
-    hidden = with_band(-0.3, solver=Coarse)
-    found = look(hidden, accepted=False)
-    (refit,) = found.refits
-    assert abs(refit.fit.values["tau0_grain2_band"] + 0.3) < 0.1
-
-
-def test_a_place_that_promises_is_seen_under_the_correction_there(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Half of the effect is the correction: without it a band would have to be twice as high."""
-    hidden = with_band(-0.3, solver=Coarse)
-    near = _of(hidden.scores, "band_grain2")
-    task = finite_step_score._Task(
-        near, hidden.fit, hidden.objective, finer_of(hidden), 10, 1.0, 1.0
-    )
-
-    def best() -> Score:
-        sides = finite_step_score._places(task, with_prior(hidden.objective, near.cause))
-        return max((side.score for side in sides), key=lambda s: s.statistic)
-
-    corrected = best()
-    monkeypatch.setattr(finite_step_score, "PROMISING", 0.0)
-    assert best().estimate == pytest.approx(2.0 * corrected.estimate, rel=0.2)
-
-
-@pytest.mark.parametrize("failing", [1, 2])
-def test_a_correction_that_fails_leaves_what_was_seen_and_fitted_before(
-    monkeypatch: pytest.MonkeyPatch, failing: int
-) -> None:
-    hidden, corrected = with_band(-0.3), candidate_correction.corrected_refit
-    calls: list[Refit] = []
-
-    def fails(refit: Refit, *rest: Any) -> Refit | Failure:
-        calls.append(refit)
-        if len(calls) == failing:
-            return Failure("no solution")
-        return corrected(refit, *rest)
-
-    monkeypatch.setattr(finite_step_score, "corrected_refit", fails)
-    with collected_lines() as lines:
-        found = look(hidden, accepted=False)
-    assert any("no further correction, for that failed (no solution)" in line for line in lines)
-    assert len(found.refits) == failing - 1
-    if failing == 1:
-        # A place alone has neither the evidence nor the size of its refit.
-        assert _of(found.scores, "band_grain2").p >= NAMING_LEVEL
-
-
-def test_a_place_that_cannot_be_simulated_finer_counts_as_the_working_mesh_shows_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def fails(*_: Any, **__: Any) -> Correction:
-        raise SolverError("no solution")
-
-    hidden = with_band(-0.3)
-    monkeypatch.setattr(finite_step_score, "correction", fails)
-    with collected_lines() as lines:
-        (refit,) = look(hidden, accepted=False).refits
-    assert sum("cannot be simulated finer (no solution)" in line for line in lines) > 0
-    assert abs(refit.fit.values["tau0_grain2_band_middle"] - 0.6) < 0.3
-
-
-def test_a_band_that_the_case_states_is_looked_at_where_it_is_stated() -> None:
-    hidden = with_band(-0.3)
-    stated = with_parameters(hidden.objective.model.material, BAND | {"tau0_grain2_band": -0.1})
-    objective = replace(hidden.objective, model=replace(hidden.objective.model, material=stated))
-    near = _of(hidden.scores, "band_grain2")
-    fitted = replace(hidden.fit, best=replace(hidden.fit.best, values=hidden.fit.values | BAND))
-    task = finite_step_score._Task(near, fitted, objective, finer_of(hidden), 10, 1.0, 1.0)
-    (side,) = finite_step_score._places(task, with_prior(objective, near.cause))
-    assert side.at.values["tau0_grain2_band_middle"] == BAND["tau0_grain2_band_middle"]
-    assert side.at.values["tau0_grain2_band"] == pytest.approx(-0.4)
-    assert side.amount == pytest.approx(-3.0)
-
-
-def test_a_band_has_five_tries_of_its_own_in_the_family() -> None:
-    hidden = with_band(-0.3)
-    alone = len(hidden.scores)
-    assert _of(look(hidden, accepted=False).scores, "band_grain2").family == alone + 5
-
-
-def test_a_band_is_looked_at_though_its_derivative_makes_it_lead() -> None:
-    hidden = with_band(-0.3)
-    leads = replace(_of(hidden.scores, "band_grain2"), p=1e-9, log_evidence=20.0)
-    (refit,) = look(with_scores(hidden, leads), accepted=False).refits
-    middle = "tau0_grain2_band_middle"
-    assert abs(refit.fit.values[middle] - BAND[middle]) < 0.1
-
-
-def test_no_band_is_looked_at_where_nothing_is_wrong() -> None:
-    right = with_band(0.0)
-    assert look(right, accepted=True).scores == right.scores
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_no_band_is_seen_where_there_is_none_though_its_place_is_free(seed: int) -> None:
-    found = look(with_band(0.0, seed), accepted=False)
-    assert all(s.p >= NAMING_LEVEL for s in found.scores)
-
-
-def test_a_band_is_visible_from_the_height_that_shows_in_every_place() -> None:
-    """Its derivative is that of one place more."""
-    right = with_band(0.0)
-    near = _of(right.scores, "band_grain2")
-
-    def visible(places: tuple[float, ...]) -> float:
-        placed = replace(near, cause=replace(near.cause, places=places))
-        (found,) = _of(
-            look(with_scores(right, placed), accepted=False).scores, placed.cause.name
-        ).visible
-        return float(found)
-
-    assert visible((0.25,)) == near.visible < visible((-1.2,)) == visible((0.25, -1.2))
