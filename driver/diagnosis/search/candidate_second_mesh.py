@@ -71,9 +71,9 @@ def with_second_mesh_at_ends(
 
     Where one leads alone, none is evidence, or one mesh has to do, nothing is simulated. Others
     follow the two best where as much as any of these has gained may bring them within reach of the
-    best, or next to it. Each goes on until its evidence settles. Where the end of one cannot be
-    simulated all stay as they were, for no refit is to lead by a mesh that others lack; the log
-    says so.
+    best, and the one next to these. Each within reach goes on until its evidence settles. Where the
+    end of one cannot be simulated all stay as they were, for no refit is to lead by a mesh that
+    others lack; the log says so.
 
     Args:
         refits: the refits, best evidence first.
@@ -113,24 +113,29 @@ def with_second_mesh_at_ends(
             last = passes[name] == _PASSES
             to_come[name] = 0.0 if last else _to_come(refit, own[name], baseline)
         gains = [own[name].log_evidence - begun[name].log_evidence for name in to_come]
-        again = _next(own.values(), to_come, max(0.0, *gains))
+        again = _next(own.values(), to_come, gains)
     for name in to_come:
         before, after = (by[name].log_evidence for by in (begun, own))
         logger.info(f"  {name}: log evidence {before:+.1f} → {after:+.1f}")
     return sorted(own.values(), key=lambda refit: -refit.log_evidence)
 
 
-def _next(refits: Iterable[Refit], to_come: Mapping[str, float], largest: float) -> list[Refit]:
-    """Return those to be fitted again: they may be the best, beside it or next to it.
+def _next(
+    refits: Iterable[Refit], to_come: Mapping[str, float], gains: Sequence[float]
+) -> list[Refit]:
+    """Return those to be fitted again: they may be the best, beside it, or next to these.
 
     Beside it are those within reach by evidence or by misfit, for either may hold a cause in its
-    set. By how much the best leads is told, and both are to be what they are told to be.
+    set. Of the others one is next: by how much the set leads is told, and both are to be what they
+    are told to be.
 
     Args:
         refits: as far as they were fitted again.
         to_come: log evidence that another pass may change, by the name of the cause.
-        largest: log evidence that the first passes may bring those that had none.
+        gains: log evidence that those in it have gained. Others may gain as much as any of them,
+            and gain their mean as a rule; what they lose they are not told to have lost.
     """
+    largest, usual = max(0.0, *gains), max(0.0, float(np.mean(gains)))
 
     def gain(refit: Refit) -> float:
         return to_come.get(refit.cause.name, largest)
@@ -143,8 +148,12 @@ def _next(refits: Iterable[Refit], to_come: Mapping[str, float], largest: float)
         if evidence - (refit.log_evidence + gain(refit)) < REACH
         or refit.own_misfit - 2 * gain(refit) - misfit < REACH
     ]
-    candidates = [first, *(near or others[:1])]
-    return [r for r in candidates if to_come.get(r.cause.name, np.inf) >= _SETTLED]
+    behind = [refit for refit in others if refit not in near]
+    behind.sort(key=lambda r: r.log_evidence + (0.0 if r.cause.name in to_come else usual))
+    # No more is told of the one behind than its evidence, which need not settle.
+    unseen = [refit for refit in behind[-1:] if refit.cause.name not in to_come]
+    beside = [r for r in (first, *near) if to_come.get(r.cause.name, np.inf) >= _SETTLED]
+    return [*beside, *unseen]
 
 
 def _to_come(before: Refit, after: Refit, baseline: Evaluation) -> float:

@@ -282,16 +282,27 @@ def judged(
     return taken, names_of(ended)
 
 
-@pytest.mark.parametrize(("behind", "is_taken"), [(44.0, True), (46.0, False)])
-def test_a_third_refit_is_judged_where_as_much_as_another_gained_may_bring_it_within_reach(
-    behind: float, is_taken: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("behind", "is_near"), [(44.0, True), (46.0, False)])
+def test_those_are_judged_that_may_come_within_reach_and_the_one_next_to_them(
+    behind: float, is_near: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The best ends at 288 after a gain of 34, another one gained 35: 10 and 35 are 45."""
-    before = {"first": 254.0, "second": 248.0, "third": 288.0 - behind}
-    after = {"first": 288.0, "second": 283.0, "third": 250.0}
+    before = {"first": 254.0, "second": 248.0, "third": 288.0 - behind, "fourth": 230.0}
+    after = {"first": 288.0, "second": 283.0, "third": 270.0, "fourth": 250.0}
     taken, ended = judged(monkeypatch, before, after)
-    assert taken == ["first", "second", *(["third"] if is_taken else [])]
-    assert ended == ["first", "second", "third"]
+    assert taken == ["first", "second", "third", *(["fourth"] if is_near else [])]
+    assert ended == ["first", "second", "third", "fourth"]
+
+
+def test_next_to_those_within_reach_is_one_that_gains_as_the_others_did(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The third is judged and loses, so that the fourth, with their mean gain, is next."""
+    before = {"first": 254.0, "second": 248.0, "third": 240.0, "fourth": 238.0, "fifth": 200.0}
+    after = {"first": 288.0, "second": 283.0, "third": 200.0, "fourth": 262.0}
+    taken, ended = judged(monkeypatch, before, after)
+    assert taken == ["first", "second", "third", "fourth"]
+    assert ended[:3] == ["first", "second", "fourth"]
 
 
 def test_the_one_next_to_the_best_is_judged_however_far_behind(
@@ -319,11 +330,12 @@ def test_one_that_a_prior_holds_back_is_judged_for_its_misfit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """70 behind by evidence, no more than 4 by misfit where it gains as much as the first."""
-    before = {"first": 254.0, "second": 248.0, "third": 184.0}
-    after = {"first": 288.0, "second": 283.0, "third": 219.0}
+    before = {"first": 254.0, "second": 248.0, "next": 230.0, "third": 184.0}
+    after = {"first": 288.0, "second": 283.0, "next": 265.0, "third": 219.0}
     alone, _ = judged(monkeypatch, before, after)
     beside, _ = judged(monkeypatch, before, after, {"third": -136.0})
-    assert alone == ["first", "second"] and beside == ["first", "second", "third"]
+    assert alone == ["first", "second", "next"]
+    assert sorted(beside) == ["first", "next", "second", "third"]
 
 
 @pytest.mark.parametrize(("way", "passes"), [(2.0, 1), (5.0, 2)])
