@@ -173,6 +173,7 @@ def _to_come(before: Refit, after: Refit, baseline: Evaluation) -> float:
 
 @quiet()
 def _fitted(task: _Task) -> _End | Failure:
+    """Return a refit with what the second mesh adds where it stands, or why there is none."""
     refit, at = task.refit, task.refit.fit
     second = added_by_second(task.second, task.size, refit.objective, at)
     if isinstance(second, Failure):
