@@ -20,36 +20,16 @@ from driver.diagnosis.statistics.score_test import score
 from driver.diagnosis.statistics.screening import screened
 from driver.identification.correction import Correction, Derivatives, SecondMesh
 from driver.identification.fit import Fit
-from meshes.arrays import FloatArray
-from solver_adapters.interface import NotRunError, Simulation, SolverError
+from solver_adapters.interface import NotRunError, SolverError
 from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.status import Status
+from tests.driver.diagnosis.search.erring_solvers import ErringWithContrast, Failing
 from tools import closed_form
 from tools.closed_form_diagnosis import finer, identified
 
 BENCH = closed_form.problem()
 OBJECTIVE = closed_form.objective(BENCH, BENCH.truth)
 TRUE, RIVAL = "grain_contrast", "boundary_position"
-
-
-class ErringWithContrast(closed_form.ClosedFormSolver):
-    """A working mesh that bends the face where the grains differ, as no specimen does."""
-
-    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
-        motion, load = super().answer(simulation)
-        x = simulation.mesh.points[simulation.output_nodes, 0]
-        grown = np.linspace(0.0, 0.0025 * np.log(simulation.material.tau0_grain2), len(motion))
-        motion[..., 2] += grown[:, None] * x**2
-        return motion, load
-
-
-class Failing(closed_form.ClosedFormSolver):
-    def __init__(self, error: Exception) -> None:
-        super().__init__()
-        self.error = error
-
-    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
-        raise self.error
 
 
 def failing(error: Exception) -> FineModels:

@@ -26,6 +26,7 @@ from driver.identification.identify import with_correction
 from driver.identification.line_search import newton
 from meshes.arrays import FloatArray
 from solver_adapters.interface import NotRunError, Simulation, SolverError
+from tests.driver.diagnosis.search.erring_solvers import ErringWithContrast, Failing
 from tools import closed_form
 from tools.closed_form import SIZES
 from tools.closed_form_diagnosis import finer, identified
@@ -34,26 +35,6 @@ BENCH = closed_form.problem()
 TRUE, RIVAL = "grain_contrast", "boundary_position"
 HERE = Executor(1, 1)
 SIZE = SIZES[1] / 1.5
-
-
-class ErringWithContrast(closed_form.ClosedFormSolver):
-    """A mesh that bends the face where the grains differ, as no specimen does."""
-
-    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
-        motion, load = super().answer(simulation)
-        x = simulation.mesh.points[simulation.output_nodes, 0]
-        grown = np.linspace(0.0, 0.0025 * np.log(simulation.material.tau0_grain2), len(motion))
-        motion[..., 2] += grown[:, None] * x**2
-        return motion, load
-
-
-class Failing(closed_form.ClosedFormSolver):
-    def __init__(self, error: Exception) -> None:
-        super().__init__()
-        self.error = error
-
-    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
-        raise self.error
 
 
 WORKING = replace(BENCH, model=replace(BENCH.model, adapter=ErringWithContrast()))
