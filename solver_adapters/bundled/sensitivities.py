@@ -123,11 +123,10 @@ class Differentiation:
         if p.dilatation is None:
             return
         p.dilatation.project_directions(dH)
-        if t.dilatation:
+        if t.dilatation is not None:
             H = np.empty((p.points.grain.size, 9))
             displacement_gradients(u, p.cells, p.gradients, H)
-            for index, change in zip(t.geometric, t.dilatation, strict=True):
-                dH[:, :, index] += p.dilatation.change_of(H, change)
+            p.dilatation.add_changes(H, t.dilatation, self._changed, t.geometric, dH)
 
     def _force_change(self, trial: Trial, dP: FloatArray) -> FloatArray:
         """Return the change of the nodal forces by that of the stress and of the geometry.
@@ -141,8 +140,8 @@ class Differentiation:
         if p.dilatation is not None:
             dP, P = dP.copy(), P.copy()
             p.dilatation.project_directions(dP)
-            for index, change in zip(t.geometric, t.dilatation, strict=True):
-                dP[:, :, index] += p.dilatation.change_of(P, change)
+            if t.dilatation is not None:
+                p.dilatation.add_changes(P, t.dilatation, self._changed, t.geometric, dP)
             p.dilatation.project(P)
         forces = np.empty((*p.pattern.dofs.shape, t.count))
         direction_forces(dP, p.gradients, p.weights, forces)

@@ -15,12 +15,13 @@ them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numba import prange
 
-from meshes.arrays import AnyArray, FloatArray, IntArray
+from meshes.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from solver_adapters.kernels import batch_kernel
 
 _STEP = 1e-30
@@ -49,36 +50,40 @@ class Dilatation:
         """Map derivatives of H or P along k directions (n_points, 9, k), in place."""
         _project_directions(self.change, self.axes, values)
 
-    def change_of(self, values: FloatArray, changed: DilatationChange) -> FloatArray:
-        """Return what a change of the map adds to the derivative of H̄ or P̄, (n_points, 9).
+    def add_changes(
+        self,
+        values: FloatArray,
+        changes: DilatationChanges,
+        changed: BoolArray,
+        where: IntArray,
+        directions: FloatArray,
+    ) -> None:
+        """Add what changes of the map do to the derivatives of H̄ or P̄.
 
         Args:
             values: H or P, not mapped, (n_points, 9).
-            changed: derivative of the map.
+            changes: derivatives of the map along g directions.
+            changed: whether a direction changes anything in a cell, (g, n_cells).
+            where: of these directions among all k, (g,).
+            directions: added to, (n_points, 9, k).
         """
-        trace = self._by_cell((self.axes * values).sum(axis=1))
-        turned = self._by_cell((changed.axes * values).sum(axis=1))
-        along_axes = _times(self.change, turned) + _times(changed.change, trace)
-        along_change = _times(self.change, trace)
-        added: FloatArray = self.axes * along_axes.reshape(-1, 1)
-        added += changed.axes * along_change.reshape(-1, 1)
-        return added / 3.0
-
-    def _by_cell(self, values: FloatArray) -> FloatArray:
-        return values.reshape(self.change.shape[:2])
+        of_map = changes.change, changes.axes, changes.row
+        _add_changes(self.change, self.axes, *of_map, changed, where, values, directions)
 
 
 @dataclass(frozen=True, eq=False)
-class DilatationChange:
-    """Derivative of the map along a direction that moves nodes or turns crystals.
+class DilatationChanges:
+    """Derivatives of the map along g directions, each of which moves nodes or turns crystals.
 
     Attributes:
-        change: of `Dilatation.change`.
-        axes: of `Dilatation.axes`.
+        change: of `Dilatation.change` along the m that move nodes, (m, n_cells, n_gauss, n_gauss).
+        axes: of `Dilatation.axes`, (g, n_points, 9).
+        row: of each direction in `change`, −1 where its nodes stay, (g,).
     """
 
     change: FloatArray
     axes: FloatArray
+    row: IntArray
 
 
 def mean_dilatation(
@@ -104,16 +109,34 @@ def mean_dilatation(
     return Dilatation(np.ascontiguousarray(change), axes, np.ascontiguousarray(divergence))
 
 
-def dilatation_change(
+def dilatation_changes(
     functions: FloatArray,
     weights: FloatArray,
-    weight_change: FloatArray,
-    rotation_change: FloatArray,
+    weight_changes: Sequence[FloatArray],
+    rotation_changes: Sequence[FloatArray],
     frame_of: IntArray,
-) -> DilatationChange:
-    """Return the derivative of the map where the weights and the rotations change."""
-    moved = projection(functions, weights + 1j * _STEP * weight_change).imag / _STEP
-    return DilatationChange(moved, rotation_change.reshape(-1, 9)[frame_of])
+) -> DilatationChanges:
+    """Return the derivatives of the map where the weights and the rotations change.
+
+    Args:
+        functions: as of `mean_dilatation`.
+        weights: likewise.
+        weight_changes: change of the weights along each of g directions, shape of these.
+        rotation_changes: change of the rotations along each, (n_frames, 3, 3).
+        frame_of: row of a rotation of each Gauss point, (n_points,).
+    """
+    moves = np.array([bool(change.any()) for change in weight_changes])
+    moved = [
+        projection(functions, weights + 1j * _STEP * change).imag / _STEP
+        for change, moving in zip(weight_changes, moves, strict=True)
+        if moving
+    ]
+    n_gauss = len(functions)
+    return DilatationChanges(
+        np.array(moved).reshape(len(moved), len(weights), n_gauss, n_gauss),
+        np.array([change.reshape(-1, 9)[frame_of] for change in rotation_changes]),
+        np.where(moves, np.cumsum(moves) - 1, -1),
+    )
 
 
 def projection(functions: FloatArray, weights: AnyArray) -> AnyArray:
@@ -123,11 +146,6 @@ def projection(functions: FloatArray, weights: AnyArray) -> AnyArray:
     """
     weighted = functions.T * weights[:, None, :]
     return np.asarray(functions @ np.linalg.solve(weighted @ functions, weighted))
-
-
-def _times(matrices: FloatArray, values: FloatArray) -> FloatArray:
-    """Products of (n_cells, q, q) and (n_cells, q)."""
-    return np.asarray(np.einsum("eqr,er->eq", matrices, values))
 
 
 @batch_kernel
@@ -170,3 +188,47 @@ def _project_directions(change: FloatArray, axes: FloatArray, values: FloatArray
                 row = values[n_gauss * e + q, m]
                 for k in range(width):
                     row[k] += share * added[k]
+
+
+@batch_kernel
+def _add_changes(
+    change: FloatArray,
+    axes: FloatArray,
+    moved: FloatArray,
+    turned: FloatArray,
+    row: IntArray,
+    changed: BoolArray,
+    where: IntArray,
+    values: FloatArray,
+    directions: FloatArray,
+) -> None:
+    n_gauss = change.shape[1]
+    for e in prange(change.shape[0]):
+        first = n_gauss * e
+        trace, along_change, turning = np.empty(n_gauss), np.empty(n_gauss), np.empty(n_gauss)
+        for q in range(n_gauss):
+            trace[q] = 0.0
+            for m in range(9):
+                trace[q] += axes[first + q, m] * values[first + q, m]
+        for q in range(n_gauss):
+            along_change[q] = 0.0
+            for r in range(n_gauss):
+                along_change[q] += change[e, q, r] * trace[r]
+        for g in range(turned.shape[0]):
+            if not changed[g, e]:
+                continue
+            for q in range(n_gauss):
+                turning[q] = 0.0
+                for m in range(9):
+                    turning[q] += turned[g, first + q, m] * values[first + q, m]
+            for q in range(n_gauss):
+                along_axes = 0.0
+                for r in range(n_gauss):
+                    along_axes += change[e, q, r] * turning[r]
+                if row[g] >= 0:
+                    for r in range(n_gauss):
+                        along_axes += moved[row[g], e, q, r] * trace[r]
+                for m in range(9):
+                    directions[first + q, m, where[g]] += (
+                        axes[first + q, m] * along_axes + turned[g, first + q, m] * along_change[q]
+                    ) / 3.0

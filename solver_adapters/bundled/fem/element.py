@@ -93,7 +93,7 @@ def element_of(cells: IntArray, tet10_points: int | None = None) -> Element:
 
 def gauss_positions(points: NDArray[Any], cells: IntArray, element: Element) -> NDArray[Any]:
     """Positions of the Gauss points [µm], (n_cells, n_gauss, 3); points may be complex."""
-    return np.asarray(np.einsum("qa,eai->eqi", element.values, points[cells]))
+    return np.asarray(element.values @ points[cells])
 
 
 def shape_gradients(
@@ -112,12 +112,12 @@ def shape_gradients(
     Raises:
         ValueError: a cell is inverted.
     """
-    jacobian = np.einsum("eai,qaj->eqij", points[cells], element.gradients)
+    jacobian = np.swapaxes(points[cells], 1, 2)[:, None] @ element.gradients
     determinant = np.linalg.det(jacobian)
     if determinant.min() <= 0:
         cell = int(np.argmin(determinant.min(axis=1)))
         raise ValueError(f"cell {cell} of the mesh is inverted (Jacobian ≤ 0)")
-    gradients = np.einsum("qaj,eqji->eqai", element.gradients, np.linalg.inv(jacobian))
+    gradients = element.gradients @ np.linalg.inv(jacobian)
     return np.ascontiguousarray(gradients), determinant * element.weights
 
 
@@ -125,8 +125,8 @@ def shape_gradient_velocity(
     gradients: FloatArray, weights: FloatArray, cells: IntArray, velocity: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return derivatives of `shape_gradients` when the nodes move with `velocity` (n_nodes, 3)."""
-    spread = np.einsum("eai,eqaj->eqij", velocity[cells], gradients)
+    spread = np.swapaxes(velocity[cells], 1, 2)[:, None] @ gradients
     return (
-        -np.einsum("eqai,eqij->eqaj", gradients, spread),
+        -(gradients @ spread),
         weights * np.trace(spread, axis1=2, axis2=3),
     )

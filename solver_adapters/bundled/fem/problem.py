@@ -16,8 +16,8 @@ from solver_adapters.bundled.fem.assembly import (
 )
 from solver_adapters.bundled.fem.dilatation import (
     Dilatation,
-    DilatationChange,
-    dilatation_change,
+    DilatationChanges,
+    dilatation_changes,
     mean_dilatation,
 )
 from solver_adapters.bundled.fem.element import (
@@ -118,8 +118,8 @@ class Tangents:
         lengthening: relative change of the length of each interval, (n_times - 1, k).
         longer_step: change of the constants of each grain that does what a relatively longer
             step does, (n_grains, 17).
-        dilatation: for each of `geometric` the derivative of the map of the dilatation; none
-            where that is left alone.
+        dilatation: derivatives of the map of the dilatation along `geometric`; None where that is
+            left alone, or nothing is geometric.
     """
 
     law: PointTangents
@@ -130,7 +130,7 @@ class Tangents:
     weighted: FloatArray
     lengthening: FloatArray
     longer_step: FloatArray
-    dilatation: tuple[DilatationChange, ...]
+    dilatation: DilatationChanges | None
 
     @property
     def count(self) -> int:
@@ -217,7 +217,8 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
     turn, skinned = np.zeros((mesh.n_grains, k), dtype=np.int64), np.zeros(k, dtype=np.int64)
     grain_of = np.zeros(len(points.rotation), dtype=np.int64)
     grain_of[points.frame_of] = points.grain
-    geometric, gradients, weighted, dilatation = [], [], [], []
+    geometric, gradients, weighted = [], [], []
+    weight_changes, turns = [], []
     lengthening = np.zeros((len(simulation.times) - 1, k))
     starts = np.zeros((*problem.state.shape, k))
     plain, _ = shape_gradients(mesh.points, mesh.cells, problem.element)
@@ -250,15 +251,15 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
                 direction, plain, problem, mesh.cells, rotation
             )
             gradients.append(change_of_gradients)
-            if problem.dilatation is not None:
-                dilatation.append(
-                    dilatation_change(
-                        problem.element.dilatation, problem.weights, weight_change, rotation,
-                        points.frame_of,
-                    )
-                )  # fmt: skip
+            weight_changes.append(weight_change)
+            turns.append(rotation)
             of_weights = weight_change[..., None, None] * problem.gradients
             weighted.append(problem.weights[..., None, None] * change_of_gradients + of_weights)
+    dilatation = None
+    if problem.dilatation is not None and geometric:
+        dilatation = dilatation_changes(
+            problem.element.dilatation, problem.weights, weight_changes, turns, points.frame_of
+        )
     law = PointTangents(local, turn, points.frame(np.array(rotations)), skinned, np.array(skins))
     shape = problem.gradients.shape
     return Tangents(
@@ -270,7 +271,7 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
         weighted=np.array(weighted).reshape(len(geometric), *shape),
         lengthening=lengthening,
         longer_step=longer_step_tangent(points.local),
-        dilatation=tuple(dilatation),
+        dilatation=dilatation,
     )
 
 

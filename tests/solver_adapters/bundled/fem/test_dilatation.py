@@ -12,8 +12,7 @@ from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.bundled.fem import assembly
 from solver_adapters.bundled.fem.dilatation import (
     Dilatation,
-    DilatationChange,
-    dilatation_change,
+    dilatation_changes,
     mean_dilatation,
     projection,
 )
@@ -125,33 +124,44 @@ def test_the_stiffness_is_that_of_the_mapped_strain(problem: Problem, part: int)
     np.testing.assert_allclose(K[cell], expected[low[:, 0], low[:, 1]], atol=1e-12 * scale)
 
 
-def test_the_derivative_of_the_map_is_its_difference_quotient(simulation: Simulation) -> None:
-    """Where nodes move and crystals turn."""
+@pytest.mark.parametrize(("moves", "turns"), [(1.0, 1.0), (1.0, 0.0), (0.0, 1.0)])
+def test_the_derivative_of_the_map_is_its_difference_quotient(
+    simulation: Simulation, moves: float, turns: float
+) -> None:
+    """Where nodes move and crystals turn, and one grain alone, among other directions."""
     mesh = simulation.mesh
     element = element_of(mesh.cells)
-    velocity = RNG.normal(size=mesh.points.shape)
-    spin = RNG.normal(size=(mesh.n_grains, 3))
+    velocity = moves * RNG.normal(size=mesh.points.shape)
+    spin = turns * RNG.normal(size=(mesh.n_grains, 3))
     frame_of = np.repeat(mesh.grain, len(element.weights))
     H = RNG.normal(size=(frame_of.size, 9))
 
     def at(step: float) -> Dilatation:
-        turns = np.stack([rotation_vector_matrix(step * vector) for vector in spin])
+        rotations = np.stack([rotation_vector_matrix(step * vector) for vector in spin])
         gradients, weights = shape_gradients(mesh.points + step * velocity, mesh.cells, element)
         return mean_dilatation(
-            element.dilatation, gradients, weights, turns @ simulation.orientations, frame_of
+            element.dilatation, gradients, weights, rotations @ simulation.orientations, frame_of
         )
 
     gradients, weights = shape_gradients(mesh.points, mesh.cells, element)
     _, weight_change = shape_gradient_velocity(gradients, weights, mesh.cells, velocity)
     skew = np.stack([np.cross(vector, np.eye(3)).T for vector in spin])
     turned = skew @ simulation.orientations
-    changed: DilatationChange = dilatation_change(
-        element.dilatation, weights, weight_change, turned, frame_of
+    still = np.zeros_like(weights), np.zeros_like(turned)
+    changes = dilatation_changes(
+        element.dilatation, weights, (still[0], weight_change), (still[1], turned), frame_of
     )
     step = 1e-6
     expected = (mapped(at(step), H) - mapped(at(-step), H)) / (2 * step)
-    actual = at(0.0).change_of(H, changed)
-    np.testing.assert_allclose(actual, expected, atol=1e-7 * abs(expected).max())
+    before = RNG.normal(size=(*H.shape, 4))
+    directions, where = before.copy(), np.array([0, 2])
+    at(0.0).add_changes(H, changes, np.ones((2, len(weights)), np.bool_), where, directions)
+    added = directions - before
+    np.testing.assert_allclose(added[:, :, 2], expected, atol=1e-7 * abs(expected).max())
+    assert not added[:, :, [0, 1, 3]].any()
+    # Where a direction changes nothing in a cell, that is left out.
+    at(0.0).add_changes(H, changes, np.zeros((2, len(weights)), np.bool_), where, directions)
+    np.testing.assert_array_equal(directions - before, added)
 
 
 def carried(kind: str, divisions: tuple[int, int, int], mean: bool) -> float:
