@@ -1,9 +1,9 @@
 """Looks at a cause that lies somewhere, as a band across a grain, and its refit there.
 
 Its derivative is that of one place, and so is what that says of the correction. It is looked at in
-several, under the correction taken there where it promises something. The refit from one of them is
-made again under the correction at its end until that settles. Place and width are found by the data
-as well.
+several, in the two that promise most under the correction taken there. The refit from one of them
+is made again under the correction at its end until little more may come. Place and width are found
+by the data as well.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from driver.common.parallel import side_by_side
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.candidate_correction import corrected_refit, under
 from driver.diagnosis.search.looks import Side, Task, promises, seen_at
-from driver.diagnosis.search.refit import FAR, MOST_FROM_AFAR, freed_with, refit_line, refit_of
+from driver.diagnosis.search.refit import FAR, freed_with, refit_line, refit_of
 from driver.diagnosis.statistics.bayes_factor import amounts_of
 from driver.forward.prediction import Prediction
 from driver.identification.correction import Correction, correction
@@ -29,15 +29,18 @@ logger = logging.getLogger(__name__)
 
 _FARTHEST = 7.0
 """Prior scales with which a refit begins at most: of τ₀ a factor of two."""
-_MOST_CORRECTIONS = 4
-_SETTLED = 1.0  # change of the log evidence by the last of them
+SEEN_FINER = 2
+"""Places that are seen under the correction there, at most."""
+_MOST_CORRECTIONS = 5
+_NEAR = 5.0
+"""Log evidence that another correction may change: what leads is corrected on beside its rivals."""
 
 
 def looks_in_places(task: Task, extended: Objective) -> list[Side]:
     """Return the fit with a cause off its null in each of its places, or where the case states it.
 
-    Where that promises something it is seen again under the correction there: that of the fit knows
-    no band, and its derivative is that of one place.
+    Where that promises most it is seen again under the correction there: that of the fit knows no
+    band, and its derivative is that of one place.
 
     Args:
         task: the cause.
@@ -68,7 +71,8 @@ def looks_in_places(task: Task, extended: Objective) -> list[Side]:
             continue
         at = extended.compare(prediction, values, ())
         sides.append(seen_at(task, at, float(amounts_of(cause.parameters, values, extended)[0])))
-    again = [place for place, side in enumerate(sides) if promises(side)]
+    promising = [place for place, side in enumerate(sides) if promises(side)]
+    again = sorted(promising, key=lambda place: -sides[place].score.statistic)[:SEEN_FINER]
     changes = side_by_side(corrected, [sides[place].at for place in again], 1)
     for place, change in zip(again, changes, strict=True):
         side = sides[place]
@@ -84,8 +88,8 @@ def looks_in_places(task: Task, extended: Objective) -> list[Side]:
 def refit_from_place(task: Task, extended: Objective, begin: Side) -> list[Refit]:
     """Return the refit of a cause from a place; none if it is given up.
 
-    It is made under the correction where it begins, then under those at its ends until the evidence
-    settles, or as far as these can be simulated.
+    It is made under the correction where it begins, then under those at its ends until little more
+    may come, or as far as these can be simulated.
 
     Args:
         task: the cause.
@@ -107,13 +111,13 @@ def refit_from_place(task: Task, extended: Objective, begin: Side) -> list[Refit
     here = refit_of(cause, extended, Fit(first, False, "where it was looked at", ()), fitted)
     done: list[Refit] = []
     for _ in range(_MOST_CORRECTIONS):
-        after = corrected_refit(here, task.finer, fitted, MOST_FROM_AFAR)
+        after = corrected_refit(here, task.finer, fitted)
         if isinstance(after, Failure):
             logger.info(f"  {cause.name}: no further correction, for that failed ({after.why})")
             break
-        settled = bool(done) and abs(after.log_evidence - here.log_evidence) < _SETTLED
-        here, done = after, [after]
-        if settled:
+        is_first, here, done = not done, after, [after]
+        # From where it was looked at to a fit all changes.
+        if not is_first and here.to_come < _NEAR:
             break
     for refit in done:
         logger.info(refit_line(refit))

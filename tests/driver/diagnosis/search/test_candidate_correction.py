@@ -12,14 +12,17 @@ from driver.diagnosis.search import candidate_correction
 from driver.diagnosis.search.candidate_correction import (
     REACH,
     REACH_OF_LARGE,
+    corrected_refit,
     with_candidate_corrections,
 )
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor, refit_causes
+from driver.diagnosis.statistics.correction_change import changed_on_the_way
 from driver.diagnosis.statistics.score_test import score
 from driver.diagnosis.statistics.screening import screened
 from driver.identification.correction import Correction, Derivatives, SecondMesh
 from driver.identification.fit import Fit
+from driver.identification.line_search import newton
 from solver_adapters.interface import NotRunError, SolverError
 from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.status import Status
@@ -277,6 +280,59 @@ def test_the_one_next_to_the_best_is_corrected_however_far_behind(
     after = with_candidate_corrections(refits, baseline.best, models, Executor(1, 1))
     assert taken == names[:4]
     assert [refit.cause.name for refit in after] == [names[0], "fourth", names[1], "fifth", "third"]
+
+
+@pytest.mark.parametrize(
+    ("coming", "wanted"),
+    [((0.9, np.inf), [RIVAL]), ((1.1, np.inf), [TRUE, RIVAL]), ((0.9, 0.9), [])],
+)
+def test_what_has_settled_under_the_correction_where_it_stands_is_not_corrected_once_more(
+    coming: tuple[float, float],
+    wanted: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    lines: list[str],
+) -> None:
+    baseline, before = refitted()
+    by_name = {refit.cause.name: refit for refit in before}
+    taken: list[str] = []
+
+    def corrected(task: Any) -> Refit:
+        refit: Refit = task.refit
+        taken.append(refit.cause.name)
+        return replace(refit)
+
+    monkeypatch.setattr(candidate_correction, "_corrected", corrected)
+    monkeypatch.setattr(candidate_correction, "_at_its_end", lambda refit, end, at: end)
+    begin = [
+        replace(by_name[name], log_evidence=evidence, to_come=come)
+        for name, evidence, come in zip((TRUE, RIVAL), (100.0, 95.0), coming, strict=True)
+    ]
+    lines.clear()
+    models = FineModels(finer(BENCH))
+    after = with_candidate_corrections(begin, baseline.best, models, Executor(1, 1))
+    assert taken == wanted and names_of(after) == [TRUE, RIVAL]
+    # What was not corrected is not told, and where nothing was there is no word of it.
+    assert [line.split(":")[0].strip() for line in lines[1:]] == wanted
+    assert bool(lines) == bool(wanted)
+
+
+@pytest.mark.parametrize(("most", "at_limit"), [(1, True), (12, False)])
+def test_a_refit_knows_what_another_correction_may_change_by_its_way_and_what_its_fit_lacks(
+    most: int, at_limit: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(candidate_correction, "_MOST", most)
+    baseline, (_, true) = refitted()
+    before = with_derivatives(true, baseline)
+    after = corrected_refit(before, finer(BENCH), baseline.best)
+    assert isinstance(after, Refit)
+    way = changed_on_the_way(before.objective, baseline.values, before.fit.best)
+    rest = changed_on_the_way(after.objective, before.fit.values, after.fit.best)
+    changed = abs(after.log_evidence - before.log_evidence)
+    lacking = 0.5 * newton(after.objective, after.fit.best)[1] ** 2
+    assert min(way, rest) > 0.0 and changed > 1.0 and after.fit.at_limit == at_limit
+    assert lacking > 1.0 or not at_limit
+    expected = changed * (rest / way) ** 2 + (lacking if at_limit else 0.0)
+    assert after.to_come == pytest.approx(expected)
 
 
 def test_refits_are_corrected_with_what_a_second_mesh_adds_at_the_baseline() -> None:

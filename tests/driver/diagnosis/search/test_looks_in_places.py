@@ -14,7 +14,7 @@ from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search import candidate_correction, looks, looks_in_places
 from driver.diagnosis.search.refit import with_prior
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score
-from driver.identification.correction import Correction
+from driver.identification.correction import Correction, correction
 from meshes.arrays import FloatArray
 from solver_adapters.interface import Simulation, SolverError
 from solver_adapters.material import with_parameters
@@ -108,6 +108,46 @@ def test_a_place_that_promises_is_seen_under_the_correction_there(
     corrected = best()
     monkeypatch.setattr(looks, "PROMISING", 0.0)
     assert best().estimate == pytest.approx(2.0 * corrected.estimate, rel=0.2)
+
+
+def test_the_two_places_that_promise_most_are_seen_under_the_correction_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    hidden, made = with_band(-0.6), correction
+    near = score_of(hidden.scores, "band_grain2")
+    task = looks.Task(near, hidden.fit, hidden.objective, finer_of(hidden), 10, 1.0, 1.0)
+    seen: list[float] = []
+
+    def corrected(model: Any, finer: Any, at: Any, values: Any, **rest: Any) -> Correction:
+        seen.append(values["tau0_grain2_band_middle"])
+        return made(model, finer, at, values, **rest)
+
+    monkeypatch.setattr(looks_in_places, "correction", corrected)
+    sides = looks_in_places.looks_in_places(task, with_prior(hidden.objective, near.cause))
+    assert sum(looks.promises(side) for side in sides) > 2
+    best = sorted(sides, key=lambda side: -side.score.statistic)[:2]
+    assert set(seen) == {side.at.values["tau0_grain2_band_middle"] for side in best}
+
+
+@pytest.mark.parametrize(
+    ("coming", "times"), [([1.0, 6.0, 4.0], 3), ([1.0, 4.0], 2), ([6.0] * 9, 5)]
+)
+def test_a_refit_is_corrected_until_little_more_may_come_but_not_by_the_first_alone(
+    coming: list[float], times: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before the first there was a look, and no fit that has changed by so much."""
+    hidden, corrected, left = with_band(-0.3), candidate_correction.corrected_refit, iter(coming)
+    calls: list[Refit] = []
+
+    def scheduled(refit: Refit, *rest: Any) -> Refit | Failure:
+        calls.append(refit)
+        after = corrected(refit, *rest)
+        assert isinstance(after, Refit)
+        return replace(after, to_come=next(left))
+
+    monkeypatch.setattr(looks_in_places, "corrected_refit", scheduled)
+    (refit,) = look(hidden, accepted=False).refits
+    assert len(calls) == times and refit.to_come == coming[times - 1]
 
 
 @pytest.mark.parametrize("failing", [1, 2])
