@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from driver.case.model import Case
 from driver.diagnosis.causes.all_causes import every, names
 from driver.diagnosis.causes.causes import Cause
+from driver.diagnosis.search.looks_in_places import SEEN_FINER
 from driver.experiment.image_sizes import stack_size
 from driver.forward.build import size_of_second_mesh
 from driver.forward.cost import PROCESS_BYTES, simulation_memory, steps_seconds, systems_of
@@ -18,7 +19,7 @@ from solver_adapters.interface import Capabilities
 # Simulations of a run: the Gauss–Newton iterations of stages B and C, and with images of A, use
 # this share of their limit each. Each refit of a cause needs this many; the sides and places from
 # which causes are looked at from afar are simulated without derivatives, in about two rounds. A
-# finer mesh is run this often where something is found, and once for each place.
+# finer mesh is run this often where something is found, and once for the places that promise most.
 _ITERATION_SHARE = 0.5
 _PER_REFIT = 6
 _SIDES = 2
@@ -88,7 +89,7 @@ def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> C
     exact = not solver.runs_per_direction
     told = (directions, directions, directions + causes) if exact and case.with_images else ()
 
-    runs = (*told, *(0,) * (_FINE_RUNS + _places(case) - len(told)))
+    runs = (*told, *(0,) * (_FINE_RUNS + _finer_places(case) - len(told)))
     size = case.specimen.fine_mesh_size
     fine, second = correction_seconds(case, solver, n_cells, n_images, size, runs), 0.0
     first = correction_seconds(case, solver, n_cells, n_images, size, runs[:_CORRECTIONS])
@@ -197,6 +198,11 @@ def _causes(case: Case) -> int:
 def _places(case: Case) -> int:
     """How many places a cause may be looked for in."""
     return sum(len(cause.places) for cause in _of_library(case))
+
+
+def _finer_places(case: Case) -> int:
+    """In how many of them a finer mesh is run."""
+    return sum(min(len(cause.places), SEEN_FINER) for cause in _of_library(case))
 
 
 def _looks(case: Case) -> int:
