@@ -234,8 +234,8 @@ class Refit:
         log_evidence: natural log of the Bayes factor against the baseline, and of the prior odds
             of the cause.
         levels: of a covariance cause its level and the standard deviation of it by name.
-        to_come: log evidence that a correction at its own end may change; infinite where none was
-            taken there.
+        to_come: log evidence that a correction at its own end may change, of one that lies
+            somewhere and was corrected there; infinite of others.
     """
 
     cause: Cause

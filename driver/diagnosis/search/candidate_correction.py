@@ -96,12 +96,12 @@ def with_candidate_corrections(
         return list(refits)
     own = {refit.cause.name: refit for refit in leading}
     failed: dict[str, Failure] = {}
-    # Of those that were corrected the last change of the log evidence, what another one may change,
-    # and how often they were. Of what was corrected before, the last change is not known.
+    # The last change of the log evidence of those that are corrected here, and how often they were;
+    # what another correction may change, of what was corrected before as well.
+    changed, taken = dict[str, float](), Counter[str]()
     coming = {refit.cause.name: refit.to_come for refit in leading if np.isfinite(refit.to_come)}
-    changed, taken = dict(coming), Counter(coming.keys())
-    again = [refit for refit in leading[:_AT_FIRST] if refit.to_come >= _SETTLED]
-    again = again or _next(list(own.values()), changed, coming, taken)
+    unsettled = [refit for refit in leading if refit.to_come >= _SETTLED]
+    again = [refit for refit in leading[:_AT_FIRST] if refit in unsettled] or unsettled[:1]
     if again:
         logger.info("finer mesh and steps at the end of the refits that lead, the best first")
     while again:
@@ -150,7 +150,7 @@ def _next(
     coming: Mapping[str, float],
     taken: Mapping[str, int],
 ) -> list[Refit]:
-    """Return those that are corrected next: what contends and has not settled, or is not told yet.
+    """Return those that are corrected next: what contends and has not settled, or never was.
 
     Args:
         refits: as far as they are corrected.
@@ -158,45 +158,46 @@ def _next(
         coming: what another one may change, likewise.
         taken: how often they were corrected, likewise.
     """
-    contending = _contending(refits, changed)
+    contending = _contending(refits, changed, coming)
     unsettled = [
         refit
         for refit in contending
         if coming.get(refit.cause.name, np.inf) >= _SETTLED
         and taken[refit.cause.name] < _CORRECTIONS
     ]
-    return (unsettled if len(contending) > 1 else []) or _next_uncorrected(refits, taken)
+    return (unsettled if len(contending) > 1 else []) or _next_uncorrected(refits, coming)
 
 
 def _to_come(before: Refit, after: Refit) -> float:
     """Return log evidence that another fit under the correction at its end may change.
 
-    What the last one has changed says it of the correction, and the Newton decrement of a fit that
-    has run out of iterations.
+    What the last one has changed says it of the correction. A fit that has run out of iterations
+    lacks half of the square of its Newton decrement besides. Ways are those of the parameters, for
+    where a correction bends its derivatives foretell no change.
     """
-    known = before.objective.correction.derivatives
-    way = rest = 0.0
-    if known is not None:
-        way = changed_on_the_way(before.objective, known.values, before.fit.best)
-        rest = changed_on_the_way(after.objective, before.fit.values, after.fit.best)
+    known, parameters = before.objective.correction.derivatives, before.objective.parameters
+    way = 0.0 if known is None else before.fit.away_from(known.values, parameters)
+    rest = after.fit.away_from(before.fit.values, parameters)
     changed = to_come(after.log_evidence - before.log_evidence, way, rest)
-    end = after.fit
-    return changed + (0.5 * newton(after.objective, end.best)[1] ** 2 if end.at_limit else 0.0)
+    lacking = newton(after.objective, after.fit.best)[1] if after.fit.at_limit else 0.0
+    return changed + 0.5 * lacking**2
 
 
-def _next_uncorrected(refits: Sequence[Refit], taken: Mapping[str, int]) -> list[Refit]:
+def _next_uncorrected(refits: Sequence[Refit], coming: Mapping[str, float]) -> list[Refit]:
     """Return the best two without a correction of their own where one of them is the second best.
 
     By how much the best leads is told, and both are to be what they are told to be.
     """
     second = sorted(refits, key=lambda refit: -refit.log_evidence)[1]
-    if taken[second.cause.name]:
+    if second.cause.name in coming:
         return []
-    left = [refit for refit in refits if not taken[refit.cause.name]]
+    left = [refit for refit in refits if refit.cause.name not in coming]
     return sorted(left, key=lambda refit: -refit.log_evidence)[:_AT_FIRST]
 
 
-def _contending(refits: Sequence[Refit], changed: Mapping[str, float]) -> list[Refit]:
+def _contending(
+    refits: Sequence[Refit], changed: Mapping[str, float], coming: Mapping[str, float]
+) -> list[Refit]:
     """Return the best refit and those that a correction may still bring before it.
 
     What a refit gains by all that are still to come is up to `_TO_COME` times the last gain, and by
@@ -206,16 +207,21 @@ def _contending(refits: Sequence[Refit], changed: Mapping[str, float]) -> list[R
     Args:
         refits: as far as they are corrected.
         changed: by which the last correction changed the log evidence, by the name of the cause.
+        coming: what another one may change, likewise: all that is known of a refit that was
+            corrected before.
     """
     largest = max(map(abs, changed.values()))
     best = max(refits, key=lambda refit: refit.log_evidence)
 
     def gain(refit: Refit) -> float:
         last = changed.get(refit.cause.name)
-        return largest if last is None else max(_TO_COME * last, -last)
+        if last is None:
+            return coming.get(refit.cause.name, largest)
+        return max(_TO_COME * last, -last)
 
     def loss(refit: Refit) -> float:
-        return abs(changed.get(refit.cause.name, largest))
+        name = refit.cause.name
+        return abs(changed.get(name, coming.get(name, largest)))
 
     return [
         refit

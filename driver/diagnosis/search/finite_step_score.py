@@ -101,8 +101,8 @@ def finite_step_scores(
     come where something is wrong (the tests reject, or a cause is seen by its derivative or from
     afar) and their derivative does not make them lead, or they lie somewhere. Each costs two
     simulations, one where its parameter is an instrument's, or one for each of its places, and a
-    finer one where that promises something. A refit follows where they promise something beside the
-    best cause so far.
+    finer one for each of the two of these that promise most. A refit follows where they promise
+    something beside the best cause so far.
 
     Args:
         scores: of all causes, to first order.
@@ -187,7 +187,8 @@ def _best_score(task: Task) -> tuple[Score, list[Refit]]:
     if near.cause.places:
         scores = [near]  # a place alone has neither the evidence nor the size of its refit
     if worth:
-        begin = max(worth, key=lambda one: one.score.statistic)
+        # What a place shows without its correction is no measure beside what others show with it.
+        begin = max(worth, key=lambda one: (one.is_corrected, one.score.statistic))
         for refit in _refits(task, extended, begin):
             end = _gained(refit, begin.score, task)
             # What the sides promise the refit has tried.

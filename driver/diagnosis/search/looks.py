@@ -45,11 +45,13 @@ class Side:
         amount: how far off, in prior scales.
         at: evaluation there.
         score: of the cause, by the change from the fit to there.
+        is_corrected: whether the correction was taken there.
     """
 
     amount: float
     at: Evaluation
     score: Score
+    is_corrected: bool = False
 
 
 def seen_at(task: Task, at: Evaluation, amount: float) -> Side:

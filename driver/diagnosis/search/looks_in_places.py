@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,15 +33,16 @@ _FARTHEST = 7.0
 SEEN_FINER = 2
 """Places that are seen under the correction there, at most."""
 _MOST_CORRECTIONS = 5
-_NEAR = 5.0
-"""Log evidence that another correction may change: what leads is corrected on beside its rivals."""
+_NEAR, _SHARE, _SETTLED = 5.0, 0.05, 1.0
+"""Log evidence that another correction may change where a refit ends: at most the first, a share of
+its own, or the last. Beside rivals it is corrected on (`with_candidate_corrections`)."""
 
 
 def looks_in_places(task: Task, extended: Objective) -> list[Side]:
     """Return the fit with a cause off its null in each of its places, or where the case states it.
 
-    Where that promises most it is seen again under the correction there: that of the fit knows no
-    band, and its derivative is that of one place.
+    The two places that promise most are seen again under the correction there: that of the fit
+    knows no band, and its derivative is that of one place.
 
     Args:
         task: the cause.
@@ -81,7 +83,7 @@ def looks_in_places(task: Task, extended: Objective) -> list[Side]:
             logger.info(f"  {told} ({change.why})")
             continue
         at = under(change, extended).compare(side.at.prediction, side.at.values, ())
-        sides[place] = seen_at(task, at, side.amount)
+        sides[place] = replace(seen_at(task, at, side.amount), is_corrected=True)
     return sides
 
 
@@ -117,7 +119,7 @@ def refit_from_place(task: Task, extended: Objective, begin: Side) -> list[Refit
             break
         is_first, here, done = not done, after, [after]
         # From where it was looked at to a fit all changes.
-        if not is_first and here.to_come < _NEAR:
+        if not is_first and here.to_come < max(min(_NEAR, _SHARE * here.log_evidence), _SETTLED):
             break
     for refit in done:
         logger.info(refit_line(refit))

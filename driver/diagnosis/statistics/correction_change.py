@@ -27,9 +27,9 @@ def to_come(change: float, way: float, rest: float) -> float:
     Args:
         change: by which something has changed with the last one, which was taken where the fit
             before had ended, of either sign.
-        way: by which the correction before had changed on the way to there [σ], 0 for one without
-            derivatives: all of the change may come again.
-        rest: by which the last one has changed on the way to where the fit ended with it [σ].
+        way: from where the correction before was taken to there [σ], 0 for one without derivatives:
+            all of the change may come again.
+        rest: from there to where the fit ended with the last one [σ].
     """
     return abs(change) * ((rest / way) ** 2 if way else 1.0)
 

@@ -64,7 +64,7 @@ class Dilatation:
             values: H or P, not mapped, (n_points, 9).
             changes: derivatives of the map along g directions.
             changed: whether a direction changes anything in a cell, (g, n_cells).
-            where: of these directions among all k, (g,).
+            where: columns of these directions among all k, (g,).
             directions: added to, (n_points, 9, k).
         """
         of_map = changes.change, changes.axes, changes.row
