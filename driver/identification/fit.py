@@ -92,14 +92,9 @@ class Fit:
         """Covariance H⁻¹ of θ, shape (k, k)."""
         return np.asarray(np.linalg.inv(self.best.hessian), dtype=np.float64)
 
-    def away_from(self, there: Mapping[str, float], parameters: Mapping[str, Parameter]) -> float:
-        """Return how far from some values of its parameters the fit has ended [σ], by its Hessian.
-
-        Args:
-            there: every parameter.
-            parameters: what is known of them.
-        """
-        here = self.values
+    def away_from(self, start: Evaluation, parameters: Mapping[str, Parameter]) -> float:
+        """Return how far from an evaluation the fit has ended [σ], by its Hessian."""
+        there, here = start.values, self.values
         way = np.array([parameters[n].theta(here[n], there[n]) for n in self.best.free])
         return float(np.sqrt(way @ self.best.hessian @ way))
 

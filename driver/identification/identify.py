@@ -154,7 +154,7 @@ def identify(
         again = " of its result" if turn else ""
         logger.info(f"stage C: all together, with the correction{again}")
         last = fit_from(begin, corrected, plan.most)
-        if (away := last.away_from(begin.values, objective.parameters)) < FAR:
+        if (away := last.away_from(begin, objective.parameters)) < FAR:
             break
         logger.info(f"  it ended {away:.2g} σ from where its correction was taken")
         begin = last.best

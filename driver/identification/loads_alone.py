@@ -76,7 +76,7 @@ def identify_from_loads(
         again = " of its result" if turn else ""
         logger.info(f"all together, with the correction{again}")
         last = fit(corrected, here.values, plan.free("C"), plan.most)
-        if (away := last.away_from(here.values, objective.parameters)) < FAR:
+        if (away := last.away_from(here.best, objective.parameters)) < FAR:
             break
         logger.info(f"  it ended {away:.2g} σ from where its correction was taken")
     last = to_its_end(last, corrected, plan.most)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -234,8 +233,6 @@ class Refit:
         log_evidence: natural log of the Bayes factor against the baseline, and of the prior odds
             of the cause.
         levels: of a covariance cause its level and the standard deviation of it by name.
-        to_come: log evidence that a correction at its own end may change, of one that lies
-            somewhere and was corrected there; infinite of others.
     """
 
     cause: Cause
@@ -243,7 +240,6 @@ class Refit:
     fit: Fit
     log_evidence: float
     levels: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    to_come: float = math.inf
 
     @property
     def own_misfit(self) -> float:

@@ -21,11 +21,10 @@ from driver.common.progress import quiet
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import TOLERANCE, Executor, refit_of, with_prior
-from driver.diagnosis.statistics.correction_change import changed_on_the_way, to_come
+from driver.diagnosis.statistics.correction_change import changed_on_the_way
 from driver.forward.model import ForwardModel
 from driver.identification.correction import Correction, correction
 from driver.identification.fit import Fit, fit_from
-from driver.identification.line_search import newton
 from driver.identification.objective import Evaluation, Objective
 
 logger = logging.getLogger(__name__)
@@ -37,7 +36,7 @@ REACH_OF_LARGE = 0.15
 _MOST = 3  # iterations
 _AT_FIRST = 2  # refits that are corrected before any is judged
 _CORRECTIONS = 5  # of one refit
-_SETTLED = 1.0  # log evidence that another one may change
+_SETTLED = 1.0  # change of the log evidence by the last of them
 _TO_COME = 2.0
 """Gains still to come over the last one: those of a turn of 5° on coarse cells, 39, 45, 22, 11 and
 3 one after the other, were 2.1, 0.8 and 0.6 times as large."""
@@ -50,10 +49,12 @@ class _Task:
     Attributes:
         refit: the refit, under the correction at the baseline.
         finer: the finer model, its orientations those of the refit.
+        most: largest number of iterations.
     """
 
     refit: Refit
     finer: ForwardModel
+    most: int = _MOST
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,9 +77,8 @@ def with_candidate_corrections(
 
     Where one leads alone, with whatever a correction may bring the others (`_may_gain`), nothing is
     simulated. The two best are corrected first, others where what that changes may bring
-    them to the front, or where they are next to it. What was corrected where it stands, and has
-    settled, is not simulated once more. One whose end the finer model cannot simulate stays as it
-    was, and the log says so.
+    them to the front, or where they are next to it. One whose end the finer model cannot simulate
+    stays as it was, and the log says so.
 
     Args:
         refits: the refits, best evidence first.
@@ -94,34 +94,37 @@ def with_candidate_corrections(
     ]
     if len(leading) < 2:
         return list(refits)
+    logger.info("finer mesh and steps at the end of the refits that lead, the best first")
     own = {refit.cause.name: refit for refit in leading}
     failed: dict[str, Failure] = {}
-    # The last change of the log evidence of those that are corrected here, and how often they were;
-    # what another correction may change, of what was corrected before as well.
-    changed, taken = dict[str, float](), Counter[str]()
-    coming = {refit.cause.name: refit.to_come for refit in leading if np.isfinite(refit.to_come)}
-    unsettled = [refit for refit in leading if refit.to_come >= _SETTLED]
-    again = [refit for refit in leading[:_AT_FIRST] if refit in unsettled] or unsettled[:1]
-    if again:
-        logger.info("finer mesh and steps at the end of the refits that lead, the best first")
+    # The last change of the log evidence of those that were corrected, and how often they were.
+    changed: dict[str, float] = {}
+    taken = Counter[str]()
+    again = leading[:_AT_FIRST]
     while again:
         tasks = [_Task(r, finer.turned((r.cause,)).one) for r in again]
         ends = side_by_side(_corrected, tasks, executor.processes, executor.threads)
         for refit, end in zip(again, ends, strict=True):
             name = refit.cause.name
             taken[name] += 1
-            changed[name] = coming[name] = 0.0
+            changed[name] = 0.0
             if isinstance(end, Failure):
                 failed[name] = end
             else:
                 own[name] = _at_its_end(refit, end, baseline)
                 changed[name] = own[name].log_evidence - refit.log_evidence
-                coming[name] = _to_come(refit, own[name])
-        again = _next(list(own.values()), changed, coming, taken)
+        contending = _contending(list(own.values()), changed)
+        unsettled = [
+            refit
+            for refit in contending
+            if abs(changed.get(refit.cause.name, np.inf)) >= _SETTLED
+            and taken[refit.cause.name] < _CORRECTIONS
+        ]
+        again = unsettled if len(contending) > 1 else []
+        again = again or _next_uncorrected(list(own.values()), taken)
     for refit in leading:
-        name = refit.cause.name
-        if name in failed or own[name] is not refit:
-            _tell(refit, own[name], failed.get(name))
+        if taken[refit.cause.name]:
+            _tell(refit, own[refit.cause.name], failed.get(refit.cause.name))
     others = [refit for refit in refits if refit not in leading]
     return sorted([*own.values(), *others], key=lambda refit: -refit.log_evidence)
 
@@ -144,60 +147,19 @@ def _may_gain(refit: Refit, baseline: Evaluation) -> float:
     return float(np.sqrt(excess) * changed_on_the_way(refit.objective, baseline.values, at))
 
 
-def _next(
-    refits: Sequence[Refit],
-    changed: Mapping[str, float],
-    coming: Mapping[str, float],
-    taken: Mapping[str, int],
-) -> list[Refit]:
-    """Return those that are corrected next: what contends and has not settled, or never was.
-
-    Args:
-        refits: as far as they are corrected.
-        changed: by which the last correction changed the log evidence, by the name of the cause.
-        coming: what another one may change, likewise.
-        taken: how often they were corrected, likewise.
-    """
-    contending = _contending(refits, changed, coming)
-    unsettled = [
-        refit
-        for refit in contending
-        if coming.get(refit.cause.name, np.inf) >= _SETTLED
-        and taken[refit.cause.name] < _CORRECTIONS
-    ]
-    return (unsettled if len(contending) > 1 else []) or _next_uncorrected(refits, coming)
-
-
-def _to_come(before: Refit, after: Refit) -> float:
-    """Return log evidence that another fit under the correction at its end may change.
-
-    What the last one has changed says it of the correction. A fit that has run out of iterations
-    lacks half of the square of its Newton decrement besides. Ways are those of the parameters, for
-    where a correction bends its derivatives foretell no change.
-    """
-    known, parameters = before.objective.correction.derivatives, before.objective.parameters
-    way = 0.0 if known is None else before.fit.away_from(known.values, parameters)
-    rest = after.fit.away_from(before.fit.values, parameters)
-    changed = to_come(after.log_evidence - before.log_evidence, way, rest)
-    lacking = newton(after.objective, after.fit.best)[1] if after.fit.at_limit else 0.0
-    return changed + 0.5 * lacking**2
-
-
-def _next_uncorrected(refits: Sequence[Refit], coming: Mapping[str, float]) -> list[Refit]:
+def _next_uncorrected(refits: Sequence[Refit], taken: Mapping[str, int]) -> list[Refit]:
     """Return the best two without a correction of their own where one of them is the second best.
 
     By how much the best leads is told, and both are to be what they are told to be.
     """
     second = sorted(refits, key=lambda refit: -refit.log_evidence)[1]
-    if second.cause.name in coming:
+    if taken[second.cause.name]:
         return []
-    left = [refit for refit in refits if refit.cause.name not in coming]
+    left = [refit for refit in refits if not taken[refit.cause.name]]
     return sorted(left, key=lambda refit: -refit.log_evidence)[:_AT_FIRST]
 
 
-def _contending(
-    refits: Sequence[Refit], changed: Mapping[str, float], coming: Mapping[str, float]
-) -> list[Refit]:
+def _contending(refits: Sequence[Refit], changed: Mapping[str, float]) -> list[Refit]:
     """Return the best refit and those that a correction may still bring before it.
 
     What a refit gains by all that are still to come is up to `_TO_COME` times the last gain, and by
@@ -207,21 +169,16 @@ def _contending(
     Args:
         refits: as far as they are corrected.
         changed: by which the last correction changed the log evidence, by the name of the cause.
-        coming: what another one may change, likewise: all that is known of a refit that was
-            corrected before.
     """
     largest = max(map(abs, changed.values()))
     best = max(refits, key=lambda refit: refit.log_evidence)
 
     def gain(refit: Refit) -> float:
         last = changed.get(refit.cause.name)
-        if last is None:
-            return coming.get(refit.cause.name, largest)
-        return max(_TO_COME * last, -last)
+        return largest if last is None else max(_TO_COME * last, -last)
 
     def loss(refit: Refit) -> float:
-        name = refit.cause.name
-        return abs(changed.get(name, coming.get(name, largest)))
+        return abs(changed.get(refit.cause.name, largest))
 
     return [
         refit
@@ -239,19 +196,19 @@ def _tell(before: Refit, after: Refit, failed: Failure | None) -> None:
         logger.info(f"  {name}: log evidence {evidence:+.1f} → {after.log_evidence:+.1f}")
 
 
-def corrected_refit(refit: Refit, finer: ForwardModel, baseline: Evaluation) -> Refit | Failure:
+def corrected_refit(
+    refit: Refit, finer: ForwardModel, baseline: Evaluation, most: int
+) -> Refit | Failure:
     """Return a refit under the correction where it stands, or why there is none.
 
     Args:
         refit: the refit.
         finer: the finer model, its orientations those of the refit.
         baseline: the baseline at its optimum.
+        most: largest number of iterations.
     """
-    end = _corrected(_Task(refit, finer))
-    if isinstance(end, Failure):
-        return end
-    after = _at_its_end(refit, end, baseline)
-    return replace(after, to_come=_to_come(refit, after))
+    end = _corrected(_Task(refit, finer, most))
+    return end if isinstance(end, Failure) else _at_its_end(refit, end, baseline)
 
 
 @quiet()
@@ -271,7 +228,7 @@ def _corrected(task: _Task) -> _End | Failure:
     )
     if isinstance(change, Failure):
         return change
-    return _End(change, fit_from(at.best, _under(change, refit), _MOST, TOLERANCE))
+    return _End(change, fit_from(at.best, _under(change, refit), task.most, TOLERANCE))
 
 
 def _at_its_end(refit: Refit, end: _End, baseline: Evaluation) -> Refit:

@@ -22,7 +22,7 @@ from driver.diagnosis.search.candidate_correction import REACH, leading_above
 from driver.diagnosis.search.fine_models import FineModels, added_by_second
 from driver.diagnosis.search.flip_trial import turned
 from driver.diagnosis.search.refit import TOLERANCE, Executor, refit_of, with_prior
-from driver.diagnosis.statistics.correction_change import changed_on_the_way, to_come
+from driver.diagnosis.statistics.correction_change import changed_on_the_way
 from driver.diagnosis.statistics.score_test import WORTH
 from driver.forward.model import ForwardModel
 from driver.identification.correction import SecondMesh
@@ -96,7 +96,7 @@ def with_second_mesh_at_ends(
         logger.info(f"  it cannot be made ({made.why})")
         return list(refits)
     begun = {refit.cause.name: refit for refit in refits}
-    own, coming, passes = dict(begun), dict[str, float](), Counter[str]()
+    own, to_come, passes = dict(begun), dict[str, float](), Counter[str]()
     again = list(refits[:2])
     while again:
         tasks = [_Task(refit, turned(made, (refit.cause,)), finer.size) for refit in again]
@@ -111,17 +111,17 @@ def with_second_mesh_at_ends(
             own[name] = refit_of(refit.cause, _under(end.second, refit), end.fit, baseline)
             passes[name] += 1
             last = passes[name] == _PASSES
-            coming[name] = 0.0 if last else _to_come(refit, own[name], baseline)
-        gains = [own[name].log_evidence - begun[name].log_evidence for name in coming]
-        again = _next(own.values(), coming, gains)
-    for name in coming:
+            to_come[name] = 0.0 if last else _to_come(refit, own[name], baseline)
+        gains = [own[name].log_evidence - begun[name].log_evidence for name in to_come]
+        again = _next(own.values(), to_come, gains)
+    for name in to_come:
         before, after = (by[name].log_evidence for by in (begun, own))
         logger.info(f"  {name}: log evidence {before:+.1f} → {after:+.1f}")
     return sorted(own.values(), key=lambda refit: -refit.log_evidence)
 
 
 def _next(
-    refits: Iterable[Refit], coming: Mapping[str, float], gains: Sequence[float]
+    refits: Iterable[Refit], to_come: Mapping[str, float], gains: Sequence[float]
 ) -> list[Refit]:
     """Return those to be fitted again: they may be the best, beside it, or next to these.
 
@@ -131,14 +131,14 @@ def _next(
 
     Args:
         refits: as far as they were fitted again.
-        coming: log evidence that another pass may change, by the name of the cause.
+        to_come: log evidence that another pass may change, by the name of the cause.
         gains: log evidence that those in it have gained. Others may gain as much as any of them,
             and gain their mean as a rule; what they lose they are not told to have lost.
     """
     largest, usual = max(0.0, *gains), max(0.0, float(np.mean(gains)))
 
     def gain(refit: Refit) -> float:
-        return coming.get(refit.cause.name, largest)
+        return to_come.get(refit.cause.name, largest)
 
     first, *others = sorted(refits, key=lambda r: r.log_evidence + gain(r), reverse=True)
     evidence, misfit = first.log_evidence + gain(first), first.own_misfit - 2 * gain(first)
@@ -149,10 +149,10 @@ def _next(
         or refit.own_misfit - 2 * gain(refit) - misfit < REACH
     ]
     behind = [refit for refit in others if refit not in near]
-    behind.sort(key=lambda r: r.log_evidence + (0.0 if r.cause.name in coming else usual))
+    behind.sort(key=lambda r: r.log_evidence + (0.0 if r.cause.name in to_come else usual))
     # No more is told of the one behind than its evidence, which need not settle.
-    unseen = [refit for refit in behind[-1:] if refit.cause.name not in coming]
-    beside = [r for r in (first, *near) if coming.get(r.cause.name, np.inf) >= _SETTLED]
+    unseen = [refit for refit in behind[-1:] if refit.cause.name not in to_come]
+    beside = [r for r in (first, *near) if to_come.get(r.cause.name, np.inf) >= _SETTLED]
     return [*beside, *unseen]
 
 
@@ -163,10 +163,12 @@ def _to_come(before: Refit, after: Refit, baseline: Evaluation) -> float:
     was as the correction by the first mesh has changed on the way of the pass, over that on the way
     from the baseline; all of it for a correction without derivatives.
     """
+    change = abs(after.log_evidence - before.log_evidence)
     stood, objective = before.fit, before.objective
     way = changed_on_the_way(objective, baseline.values, stood.best)
-    rest = changed_on_the_way(objective, stood.values, after.fit.best)
-    return to_come(after.log_evidence - before.log_evidence, way, rest)
+    if way == 0.0:
+        return change
+    return change * (changed_on_the_way(objective, stood.values, after.fit.best) / way) ** 2
 
 
 @quiet()

@@ -2,8 +2,8 @@
 
 Its derivative is that of one place, and so is what that says of the correction. It is looked at in
 several, in the two that promise most under the correction taken there. The refit from one of them
-is made again under the correction at its end until little more may come. Place and width are found
-by the data as well.
+is made again under the correction at its end until that settles. Place and width are found by the
+data as well.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from driver.common.parallel import side_by_side
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.candidate_correction import corrected_refit, under
 from driver.diagnosis.search.looks import Side, Task, promises, seen_at
-from driver.diagnosis.search.refit import FAR, freed_with, refit_line, refit_of
+from driver.diagnosis.search.refit import FAR, MOST_FROM_AFAR, freed_with, refit_line, refit_of
 from driver.diagnosis.statistics.bayes_factor import amounts_of
 from driver.forward.prediction import Prediction
 from driver.identification.correction import Correction, correction
@@ -32,10 +32,8 @@ _FARTHEST = 7.0
 """Prior scales with which a refit begins at most: of τ₀ a factor of two."""
 SEEN_FINER = 2
 """Places that are seen under the correction there, at most."""
-_MOST_CORRECTIONS = 5
-_NEAR, _SHARE, _SETTLED = 5.0, 0.05, 1.0
-"""Log evidence that another correction may change where a refit ends: at most the first, a share of
-its own, or the last. Beside rivals it is corrected on (`with_candidate_corrections`)."""
+_MOST_CORRECTIONS = 4
+_SETTLED = 1.0  # change of the log evidence by the last of them
 
 
 def looks_in_places(task: Task, extended: Objective) -> list[Side]:
@@ -90,8 +88,8 @@ def looks_in_places(task: Task, extended: Objective) -> list[Side]:
 def refit_from_place(task: Task, extended: Objective, begin: Side) -> list[Refit]:
     """Return the refit of a cause from a place; none if it is given up.
 
-    It is made under the correction where it begins, then under those at its ends until little more
-    may come, or as far as these can be simulated.
+    It is made under the correction where it begins, then under those at its ends until the evidence
+    settles, or as far as these can be simulated.
 
     Args:
         task: the cause.
@@ -113,13 +111,13 @@ def refit_from_place(task: Task, extended: Objective, begin: Side) -> list[Refit
     here = refit_of(cause, extended, Fit(first, False, "where it was looked at", ()), fitted)
     done: list[Refit] = []
     for _ in range(_MOST_CORRECTIONS):
-        after = corrected_refit(here, task.finer, fitted)
+        after = corrected_refit(here, task.finer, fitted, MOST_FROM_AFAR)
         if isinstance(after, Failure):
             logger.info(f"  {cause.name}: no further correction, for that failed ({after.why})")
             break
-        is_first, here, done = not done, after, [after]
-        # From where it was looked at to a fit all changes.
-        if not is_first and here.to_come < max(min(_NEAR, _SHARE * here.log_evidence), _SETTLED):
+        settled = bool(done) and abs(after.log_evidence - here.log_evidence) < _SETTLED
+        here, done = after, [after]
+        if settled:
             break
     for refit in done:
         logger.info(refit_line(refit))

@@ -457,7 +457,7 @@ def test_what_an_excess_makes_negligible_is_fitted_where_the_parameter_is_told()
     assert early.converged and early.values["a"] == 0.0
     end = to_its_end(early, objective, 5)
     assert end.converged and end.values["a"] == pytest.approx(2.5)
-    assert end.away_from(early.values, objective.parameters) == pytest.approx(2.5)
+    assert end.away_from(early.best, objective.parameters) == pytest.approx(2.5)
     assert len(end.history) == 2 and end.history[0] == early.history[0]
     stuck = replace(early, converged=False)
     assert to_its_end(early, objective, 0).reason == early.reason  # no step was left to take

@@ -7,25 +7,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from driver.common.outcomes import Failure
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search import candidate_correction
 from driver.diagnosis.search.candidate_correction import (
     REACH,
     REACH_OF_LARGE,
-    corrected_refit,
     with_candidate_corrections,
 )
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor, refit_causes
 from driver.diagnosis.statistics.score_test import score
 from driver.diagnosis.statistics.screening import screened
-from driver.forward.model import ForwardModel
 from driver.identification.correction import Correction, Derivatives, SecondMesh
 from driver.identification.fit import Fit
-from driver.identification.line_search import newton
-from meshes.arrays import FloatArray
-from solver_adapters.interface import NotRunError, Simulation, SolverError
+from solver_adapters.interface import NotRunError, SolverError
 from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.status import Status
 from tests.driver.diagnosis.search.erring_solvers import ErringWithContrast, Failing
@@ -122,12 +117,11 @@ def test_one_that_leads_alone_is_not_simulated(
     assert with_candidate_corrections([], baseline.best, never, executor) == [] and not lines
 
 
-def with_derivatives(refit: Refit, baseline: Fit, one: ForwardModel | None = None) -> Refit:
+def with_derivatives(refit: Refit, baseline: Fit) -> Refit:
     """The refit of the true cause under the correction as its derivatives take it to the end."""
-    one = finer(BENCH) if one is None else one
     objective, values, name = refit.objective, baseline.values, "tau0_grain2"
     working = objective.model.predict(values, (name,))
-    finest = one.predict(values, (name,))
+    finest = finer(BENCH).predict(values, (name,))
     known = Derivatives(values, (objective.parameters[name],), working, finest)
     correction = replace(objective.correction, derivatives=known)
     return replace(refit, objective=replace(objective, correction=correction))
@@ -283,163 +277,6 @@ def test_the_one_next_to_the_best_is_corrected_however_far_behind(
     after = with_candidate_corrections(refits, baseline.best, models, Executor(1, 1))
     assert taken == names[:4]
     assert [refit.cause.name for refit in after] == [names[0], "fourth", names[1], "fifth", "third"]
-
-
-@pytest.mark.parametrize(
-    ("coming", "wanted"),
-    [((0.9, np.inf), [RIVAL]), ((1.1, np.inf), [TRUE, RIVAL]), ((0.9, 0.9), [])],
-)
-def test_what_has_settled_under_the_correction_where_it_stands_is_not_corrected_once_more(
-    coming: tuple[float, float],
-    wanted: list[str],
-    monkeypatch: pytest.MonkeyPatch,
-    lines: list[str],
-) -> None:
-    baseline, before = refitted()
-    by_name = {refit.cause.name: refit for refit in before}
-    taken: list[str] = []
-
-    def corrected(task: Any) -> Refit:
-        refit: Refit = task.refit
-        taken.append(refit.cause.name)
-        return replace(refit)
-
-    monkeypatch.setattr(candidate_correction, "_corrected", corrected)
-    monkeypatch.setattr(candidate_correction, "_at_its_end", lambda refit, end, at: end)
-    begin = [
-        replace(by_name[name], log_evidence=evidence, to_come=come)
-        for name, evidence, come in zip((TRUE, RIVAL), (100.0, 95.0), coming, strict=True)
-    ]
-    lines.clear()
-    models = FineModels(finer(BENCH))
-    after = with_candidate_corrections(begin, baseline.best, models, Executor(1, 1))
-    assert taken == wanted and names_of(after) == [TRUE, RIVAL]
-    # What was not corrected is not told, and where nothing was there is no word of it.
-    assert [line.split(":")[0].strip() for line in lines[1:]] == wanted
-    assert bool(lines) == bool(wanted)
-
-
-@pytest.mark.parametrize(("most", "at_limit"), [(1, True), (12, False)])
-def test_a_refit_knows_what_another_correction_may_change_by_its_way_and_what_its_fit_lacks(
-    most: int, at_limit: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(candidate_correction, "_MOST", most)
-    baseline, (_, true) = refitted()
-    before = with_derivatives(true, baseline)
-    after = corrected_refit(before, finer(BENCH), baseline.best)
-    assert isinstance(after, Refit)
-    way = before.fit.away_from(baseline.values, before.objective.parameters)
-    rest = after.fit.away_from(before.fit.values, before.objective.parameters)
-    changed = abs(after.log_evidence - before.log_evidence)
-    lacking = 0.5 * newton(after.objective, after.fit.best)[1] ** 2
-    assert min(way, rest) > 0.0 and changed > 1.0 and after.fit.at_limit == at_limit
-    assert lacking > 1.0 or not at_limit
-    expected = changed * (rest / way) ** 2 + (lacking if at_limit else 0.0)
-    assert after.to_come == pytest.approx(expected)
-
-
-def course(
-    monkeypatch: pytest.MonkeyPatch, begin: list[tuple[float, float]], ends: list[list[float]]
-) -> tuple[list[int], list[float]]:
-    """Which refits are corrected, by their numbers, and what all have at last.
-
-    Args:
-        monkeypatch: by which evidence is scheduled.
-        begin: log evidence and what may come of each refit.
-        ends: log evidence of each after each of its corrections; the last one stays.
-    """
-    baseline, (first, _) = refitted()
-    taken: list[int] = []
-
-    def corrected(task: Any) -> Refit:
-        number = int(task.refit.cause.name)
-        left = ends[number]
-        taken.append(number)
-        refit: Refit = task.refit
-        return replace(refit, log_evidence=left.pop(0) if len(left) > 1 else left[0])
-
-    monkeypatch.setattr(candidate_correction, "_corrected", corrected)
-    monkeypatch.setattr(candidate_correction, "_at_its_end", lambda refit, end, at: end)
-    refits = [
-        replace(
-            first, cause=replace(first.cause, name=str(number)), log_evidence=evidence, to_come=come
-        )
-        for number, (evidence, come) in enumerate(begin)
-    ]
-    models = FineModels(finer(BENCH))
-    after = with_candidate_corrections(refits, baseline.best, models, Executor(1, 1))
-    by_name = {refit.cause.name: refit.log_evidence for refit in after}
-    return taken, [by_name[str(number)] for number in range(len(begin))]
-
-
-def test_beside_two_that_have_settled_the_next_one_is_corrected(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    begin = [(100.0, 0.9), (95.0, 0.9), (93.0, np.inf), (92.0, np.inf)]
-    taken, after = course(monkeypatch, begin, [[], [], [120.0, 120.5], [92.0]])
-    # What that gained, 27, may bring the last one to the front as well.
-    assert taken == [2, 2, 3] and after == [100.0, 95.0, 120.5, 92.0]
-
-
-def test_one_that_never_settles_is_left_after_five_corrections(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    swinging = [110.0, 100.0, 110.0, 100.0, 110.0, 100.0, 110.0]
-    taken, _ = course(monkeypatch, [(100.0, np.inf), (95.0, np.inf)], [swinging, [95.0]])
-    assert taken.count(0) == 5 and taken.count(1) == 1
-
-
-def test_one_goes_on_by_what_another_correction_may_change_not_by_what_the_last_one_has(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(candidate_correction, "_to_come", lambda before, after: 0.9)
-    taken, after = course(monkeypatch, [(100.0, np.inf), (95.0, np.inf)], [[120.0], [119.0]])
-    assert taken == [0, 1] and after == [120.0, 119.0]
-
-
-def test_what_may_come_of_one_that_was_corrected_before_is_no_measure_for_others(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Of the first 300 may come, and nothing does: another one 21 behind is left as it is."""
-    begin = [(200.0, 300.0), (195.0, np.inf), (179.0, np.inf)]
-    taken, _ = course(monkeypatch, begin, [[200.0], [195.0], [179.0]])
-    assert taken == [0, 1]
-
-
-def test_one_that_cannot_be_simulated_finer_is_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    baseline, before = refitted()
-    tried: list[str] = []
-
-    def fails(task: Any) -> Failure:
-        tried.append(task.refit.cause.name)
-        return Failure("no step is short enough")
-
-    monkeypatch.setattr(candidate_correction, "_corrected", fails)
-    models = FineModels(finer(BENCH))
-    assert with_candidate_corrections(before, baseline.best, models, Executor(1, 1)) == before
-    assert sorted(tried) == sorted(names_of(before))
-
-
-class Saturating(closed_form.ClosedFormSolver):
-    """A finer simulation that folds the face by a tangent of τ0 in grain 2 that soon saturates."""
-
-    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
-        motion, load = super().answer(simulation)
-        x = simulation.mesh.points[simulation.output_nodes, 0]
-        motion[..., 2] += 5e-4 * np.tanh(100 * np.log(simulation.material.tau0_grain2)) * np.sin(x)
-        return motion, load
-
-
-def test_a_refit_whose_correction_bends_on_its_way_is_not_taken_for_settled() -> None:
-    """At its end derivatives foretell no change, however much there was on the way."""
-    finest = replace(BENCH.model, adapter=Saturating())
-    baseline, (_, true) = refitted()
-    before = with_derivatives(true, baseline, finest)
-    after = corrected_refit(before, finest, baseline.best)
-    assert isinstance(after, Refit)
-    again = corrected_refit(after, finest, baseline.best)
-    assert isinstance(again, Refit)
-    assert after.to_come > min(1.0, abs(again.log_evidence - after.log_evidence))
 
 
 def test_refits_are_corrected_with_what_a_second_mesh_adds_at_the_baseline() -> None:

@@ -134,43 +134,6 @@ def test_the_two_places_that_promise_most_are_seen_under_the_correction_there(
     assert set(seen) == {side.at.values["tau0_grain2_band_middle"] for side in best}
 
 
-def corrections(
-    monkeypatch: pytest.MonkeyPatch, coming: list[float], evidence: float
-) -> tuple[int, Refit]:
-    """How often a refit of a log evidence is corrected where so much may come each time."""
-    hidden, corrected, left = with_band(-0.3), candidate_correction.corrected_refit, iter(coming)
-    calls: list[Refit] = []
-
-    def scheduled(refit: Refit, *rest: Any) -> Refit | Failure:
-        calls.append(refit)
-        after = corrected(refit, *rest)
-        assert isinstance(after, Refit)
-        return replace(after, to_come=next(left), log_evidence=evidence)
-
-    monkeypatch.setattr(looks_in_places, "corrected_refit", scheduled)
-    (refit,) = look(hidden, accepted=False).refits
-    return len(calls), refit
-
-
-@pytest.mark.parametrize(
-    ("coming", "times"), [([0.5, 6.0, 4.0], 3), ([0.5, 4.0], 2), ([6.0] * 9, 5)]
-)
-def test_a_refit_is_corrected_until_little_more_may_come_but_not_by_the_first_alone(
-    coming: list[float], times: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Before the first there was a look, and no fit that has changed by so much."""
-    taken, refit = corrections(monkeypatch, coming, 200.0)
-    assert taken == times and refit.to_come == coming[times - 1]
-
-
-@pytest.mark.parametrize(("evidence", "little"), [(200.0, 5.0), (60.0, 3.0), (8.0, 1.0)])
-def test_what_is_little_is_a_twentieth_of_the_evidence_between_one_and_five(
-    evidence: float, little: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    coming = [9.0, little + 0.1, little - 0.1, 0.0]
-    assert corrections(monkeypatch, coming, evidence)[0] == 3
-
-
 def test_a_refit_begins_where_a_place_was_seen_under_its_own_correction(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -5,11 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from driver.diagnosis.statistics.correction_change import (
-    changed_on_the_way,
-    to_come,
-    whitened_difference,
-)
+from driver.diagnosis.statistics.correction_change import changed_on_the_way, whitened_difference
 from driver.identification.correction import Correction, correction
 from tools import closed_form
 from tools.closed_form_diagnosis import finer, priors
@@ -42,12 +38,3 @@ def test_a_change_of_a_correction_counts_as_far_as_no_fitted_parameter_takes_it(
 def test_a_constant_correction_changes_nowhere() -> None:
     at = OBJECTIVE.evaluate(BENCH.truth, FREE)
     assert changed_on_the_way(OBJECTIVE, BENCH.truth | {"tau0": 80.0}, at) == 0.0
-
-
-@pytest.mark.parametrize("change", [12.0, -12.0])
-def test_what_is_to_come_goes_with_the_square_of_the_way_that_is_left(change: float) -> None:
-    assert to_come(change, 6.0, 2.0) == pytest.approx(12.0 / 9.0)
-
-
-def test_all_of_a_change_may_come_again_of_a_correction_without_derivatives() -> None:
-    assert to_come(-12.0, 0.0, 0.0) == 12.0
