@@ -201,7 +201,7 @@ def _places(case: Case) -> int:
 
 
 def _finer_places(case: Case) -> int:
-    """In how many of them a finer mesh is run."""
+    """How many places of causes a finer mesh is run for."""
     return sum(min(len(cause.places), SEEN_FINER) for cause in _of_library(case))
 
 

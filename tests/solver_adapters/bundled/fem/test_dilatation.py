@@ -128,7 +128,7 @@ def test_the_stiffness_is_that_of_the_mapped_strain(problem: Problem, part: int)
 def test_the_derivative_of_the_map_is_its_difference_quotient(
     simulation: Simulation, moves: float, turns: float
 ) -> None:
-    """Where nodes move and crystals turn, and one grain alone, among other directions."""
+    """Where nodes move, crystals turn, or both, among directions that change nothing."""
     mesh = simulation.mesh
     element = element_of(mesh.cells)
     velocity = moves * RNG.normal(size=mesh.points.shape)
