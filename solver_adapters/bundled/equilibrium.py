@@ -24,7 +24,9 @@ ROUNDED_STRAIN = 1e-15
 # Beyond so many times its length a step says little of another one.
 _MOST_SCALED = 4.0
 # Accuracies between which the linear systems of the Newton iteration are solved.
-ROUGH, FINE = 1e-3, 1e-8
+ROUGH, FINE = 1e-1, 1e-8
+# What Newton's method leaves of a residual equal to the reaction.
+LEFT = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,8 +179,7 @@ class Equilibrium:
             if norm <= target and trial.local_failure is None:
                 return trial
             self.assemble(trial)
-            # No better than the last iteration needs.
-            accuracy = min(ROUGH, max(0.1 * target / norm, FINE))
+            accuracy = _accuracy(norm, target, reaction)
             step = self.solve(trial, -trial.forces[free], accuracy)
             self.statistics.iterations += 1
             trial, norm = self._line_search(instant, trial, step, norm, dt)
@@ -218,6 +219,18 @@ class Equilibrium:
             cell = int(np.flatnonzero((p.cells == node).any(axis=1))[0])
         grain = int(p.points.grain[p.weights.shape[1] * cell]) + 1
         return f"{what} (element {cell}, grain {grain})"
+
+
+def _accuracy(norm: float, target: float, reaction: float) -> float:
+    """Accuracy to solve a linear system of the Newton iteration with, relative to its residual.
+
+    No better than what the method leaves itself, which falls with the square of the residual,
+    after Dembo, Eisenstat and Steihaug (1982); where that is below the target, a tenth of it.
+    """
+    left = LEFT * norm / max(reaction, norm)
+    if left * norm <= target:
+        left = 0.1 * target / norm
+    return min(ROUGH, max(left, FINE))
 
 
 def _ratio(moved: FloatArray, before: FloatArray) -> float:

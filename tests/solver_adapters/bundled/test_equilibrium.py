@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from meshes.arrays import FloatArray
+from solver_adapters.bundled import equilibrium
 from solver_adapters.bundled.equilibrium import Equilibrium, NotConvergedError, Trial
 from solver_adapters.bundled.fem.problem import Problem
 from solver_adapters.bundled.fem.state import Increment, Instant
+from solver_adapters.bundled.linear.split_matrix import RESIDUAL
 from solver_adapters.bundled.statistics import Statistics
 from solver_adapters.material import Material
 from tests.solver_adapters.bundled.troubled_law import calls, troubled_problem
@@ -183,3 +185,32 @@ def test_the_line_search_halves_a_step_that_a_soft_tangent_makes_too_long() -> N
     pulled_face = case.problem.pulled
     force, expected = (one.forces[pulled_face].sum() for one in (trial, exact))
     np.testing.assert_allclose(force, expected, rtol=2e-3)
+
+
+def test_a_system_is_solved_as_well_as_newtons_method_leaves_its_residual(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The iterations are as many as with exact systems, and the last one ends at its target."""
+    exact = _case(PLASTIC)
+    with monkeypatch.context() as patch:
+        patch.setattr(equilibrium, "LEFT", 0.0)
+        expected = exact.solve()
+    case, plain = _case(PLASTIC), Equilibrium.solve
+    asked: list[tuple[float, float]] = []
+
+    def solve(
+        self: Equilibrium, trial: Trial, rhs: FloatArray, accuracy: float = RESIDUAL
+    ) -> FloatArray:
+        size, reaction = np.linalg.norm(rhs), np.linalg.norm(trial.forces[case.problem.prescribed])
+        if reaction:  # The predictor begins at rest.
+            asked.append((float(size / reaction), accuracy))
+        return plain(self, trial, rhs, accuracy)
+
+    monkeypatch.setattr(Equilibrium, "solve", solve)
+    found = case.solve()
+    *before, (last, finest) = asked
+    assert case.iterations == len(asked) <= exact.iterations + 1
+    assert before[0][1] == equilibrium.ROUGH
+    assert any(accuracy == pytest.approx(0.3 * share) for share, accuracy in before)
+    assert finest * last == pytest.approx(1e-10)  # a tenth of the tolerance
+    np.testing.assert_allclose(found.u, expected.u, atol=1e-8 * abs(expected.u).max())

@@ -216,6 +216,7 @@ def _compare(
         )
 
 
+@pytest.mark.usefixtures("exact_newton")
 @pytest.mark.parametrize("material", [BASELINE, BANDED], ids=["baseline", "general"])
 def test_derivatives_of_a_cycle_are_its_difference_quotients(
     measure: StrainMeasure, material: Material
@@ -224,6 +225,7 @@ def test_derivatives_of_a_cycle_are_its_difference_quotients(
     _check(simulation, lambda cuts: cuts == 0)
 
 
+@pytest.mark.usefixtures("exact_newton")
 def test_derivatives_pass_through_a_step_that_was_cut(
     measure: StrainMeasure, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -218,6 +218,7 @@ def test_asking_for_fields_changes_no_other_number(measure: StrainMeasure) -> No
     np.testing.assert_array_equal(plain.force, asked.force)
 
 
+@pytest.mark.usefixtures("exact_newton")
 @pytest.mark.parametrize("measure", ["small", "finite"])
 def test_a_run_that_was_stopped_goes_on_with_its_slips(
     measure: StrainMeasure, tmp_path: Path
