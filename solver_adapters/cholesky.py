@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from cvxopt import cholmod, matrix, sparse, spmatrix
 
 from meshes.arrays import FloatArray, IntArray
+from solver_adapters.cholmod import cholmod, matrix, sparse, spmatrix
 
 
 class Cholesky:

@@ -80,7 +80,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
         "solver_adapters.tasks",
     ),
     ("solver_adapters.compiling_process",),
-    ("meshes", "solver_adapters.user_folders", "templates"),
+    ("meshes", "solver_adapters.cholmod", "solver_adapters.user_folders", "templates"),
 )
 CORRIDORS = ("driver", "driver.diagnosis", "solver_adapters")
 # Only these draw.

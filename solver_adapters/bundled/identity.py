@@ -12,7 +12,7 @@ LIBRARIES = ("numba", "cvxopt", "pymetis", "scipy", "numpy")
 BESIDE = (
     *(
         f"solver_adapters/{name}.py"
-        for name in ("constants", "crystal", "material", "kernels", "cholesky")
+        for name in ("constants", "crystal", "material", "kernels", "cholesky", "cholmod")
     ),
     *(f"meshes/{name}.py" for name in ("cells", "tet10", "hex20")),
 )
