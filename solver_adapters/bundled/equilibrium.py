@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +27,7 @@ _MOST_SCALED = 4.0
 ROUGH, FINE = 1e-1, 1e-8
 # What Newton's method leaves of a residual equal to the reaction.
 LEFT = 0.3
+_NONE = np.empty((0, 9, 9))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +55,10 @@ class Trial:
     C: FloatArray
     forces: FloatArray
     local_failure: int | None
+
+    def beginning(self) -> Trial:
+        """Return it without its states and tangents: large, and no start of another trial."""
+        return replace(self, state=_NONE, C=_NONE)
 
 
 class NotConvergedError(Exception):
@@ -179,6 +184,7 @@ class Equilibrium:
             if norm <= target and trial.local_failure is None:
                 return trial
             self.assemble(trial)
+            trial = trial.beginning()
             accuracy = _accuracy(norm, target, reaction)
             step = self.solve(trial, -trial.forces[free], accuracy)
             self.statistics.iterations += 1

@@ -466,9 +466,9 @@ def stiffness_pattern(cells: IntArray, prescribed: BoolArray) -> Pattern:
     slots[slots < 0] = unique.size
     return Pattern(
         free=free,
-        indptr=np.searchsorted(unique // free.size, np.arange(free.size + 1)).astype(np.int64),
-        indices=(unique % free.size).astype(np.int64),
-        slots=slots.astype(np.int64),
+        indptr=np.searchsorted(unique // free.size, np.arange(free.size + 1)).astype(np.int32),
+        indices=(unique % free.size).astype(np.int32),
+        slots=slots.astype(np.int32),
         flipped=first < second,
         dofs=degrees.reshape(len(cells), -1),
     )

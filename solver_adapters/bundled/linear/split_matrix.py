@@ -58,7 +58,7 @@ class TwoTriangles:
         self._upper = self._column_wise(upper).T
 
     def _column_wise(self, values: FloatArray) -> sp.csc_array:
-        pattern = self._indices.astype(np.int32), self._indptr.astype(np.int32)
+        pattern = (a.astype(np.int32, copy=False) for a in (self._indices, self._indptr))
         return sp.csc_array((values, *pattern), shape=(self.n, self.n))
 
     def product(self, x: FloatArray) -> FloatArray:
