@@ -1,4 +1,4 @@
-"""A Slurm of one node on this machine, with a key, sockets, ports and a folder of its own.
+"""A Slurm of one node or more on this machine, with a key, sockets, ports and a folder of its own.
 
     python -m tests.support.slurm COMMAND…    run a command that finds it, as `sinfo` or `bash`
 
@@ -22,22 +22,23 @@ from tempfile import TemporaryDirectory
 
 PROGRAMS = ("munge", "munged", "slurmctld", "slurmd", "sbatch", "squeue", "scancel")
 _FULL_PATH = os.pathsep.join((os.environ.get("PATH", os.defpath), "/usr/sbin", "/sbin"))
+_SILENCE = 10  # s after which a node that says nothing is lost
 _PATIENCE = 30.0  # s, for the start of a service, and for the end of jobs that are cancelled
 
 _CONF = """\
 ClusterName=prismid
 SlurmctldHost={host}(127.0.0.1)
-SlurmctldPort={ports[0]}
-SlurmdPort={ports[1]}
+SlurmctldPort={port}
+SlurmdTimeout={patience}
 SlurmUser={user}
 SlurmdUser={user}
 AuthType=auth/munge
 CredType=cred/munge
 AuthInfo=socket={folder}/munge.socket
 StateSaveLocation={folder}/state
-SlurmdSpoolDir={folder}/spool
+SlurmdSpoolDir={folder}/spool.%n
 SlurmctldPidFile={folder}/slurmctld.pid
-SlurmdPidFile={folder}/slurmd.pid
+SlurmdPidFile={folder}/slurmd.%n.pid
 MailProg=/bin/true
 ProctrackType=proctrack/pgid
 TaskPlugin=task/none
@@ -48,9 +49,12 @@ SelectTypeParameters=CR_CPU_Memory
 SlurmdParameters=config_overrides
 SchedulerParameters=batch_sched_delay=0
 KillWait=5
-NodeName={host} NodeAddr=127.0.0.1 CPUs={cores} RealMemory={memory} State=UNKNOWN
-PartitionName={partition} Nodes={host} Default=YES State=UP
+PartitionName={partition} Nodes=ALL Default=YES State=UP
 """
+_NODE = (
+    "NodeName={name} NodeHostname={host} NodeAddr=127.0.0.1 Port={port} CPUs={cores} "
+    "RealMemory={memory} State=UNKNOWN\n"
+)
 PARTITION = "main"
 
 
@@ -59,13 +63,19 @@ def missing() -> list[str]:
     return [name for name in PROGRAMS if shutil.which(name, path=_FULL_PATH) is None]
 
 
+def node_names(number: int) -> list[str]:
+    """Return the names of so many nodes."""
+    return [f"node{place}" for place in range(1, number + 1)]
+
+
 @contextmanager
-def slurm(cores: int = 2, memory: int = 8000) -> Iterator[Mapping[str, str]]:
+def slurm(cores: int = 2, memory: int = 8000, nodes: int = 1) -> Iterator[Mapping[str, str]]:
     """Start it, and end it with all its jobs.
 
     Args:
-        cores: of its node, which may be more than there are.
-        memory: of its node, nor is it limited [MB].
+        cores: of a node, which may be more than there are.
+        memory: of a node, nor is it limited [MB].
+        nodes: node1, node2 and so on, each with a daemon of its own.
 
     Yields:
         Variables of the environment by which commands of Slurm find it.
@@ -77,15 +87,21 @@ def slurm(cores: int = 2, memory: int = 8000) -> Iterator[Mapping[str, str]]:
     with TemporaryDirectory(prefix="slurm-") as name, ExitStack() as services:
         folder = Path(name)
         folder.chmod(0o755)  # as munge demands
-        for inside in ("state", "spool"):
-            (folder / inside).mkdir()
+        (folder / "state").mkdir()
         (folder / "munge.key").touch(mode=0o600)
         (folder / "munge.key").write_bytes(os.urandom(1024))
+        host, names = socket.gethostname().partition(".")[0], node_names(nodes)
+        port, *ports = _free_ports(1 + nodes)
+        told = [
+            _NODE.format(name=name, host=host, port=own, cores=cores, memory=memory)
+            for name, own in zip(names, ports, strict=True)
+        ]
         conf = folder / "slurm.conf"
         conf.write_text(
-            _CONF.format(
-                host=socket.gethostname().partition(".")[0], ports=_free_ports(2),
-                user=getuser(), folder=folder, cores=cores, memory=memory, partition=PARTITION,
+            "".join(told)
+            + _CONF.format(
+                host=host, port=port, user=getuser(), folder=folder, partition=PARTITION,
+                patience=_SILENCE,
             )
         )  # fmt: skip
         found = {"SLURM_CONF": str(conf), "PATH": _FULL_PATH}
@@ -95,8 +111,9 @@ def slurm(cores: int = 2, memory: int = 8000) -> Iterator[Mapping[str, str]]:
         services.enter_context(_service(["munged", "--foreground", *options], folder, found))
         _wait_for(f"munge --no-input --socket={folder}/munge.socket --output=/dev/null", "",
                   found, folder)  # fmt: skip
-        for program in ("slurmctld", "slurmd"):
-            services.enter_context(_service([program, "-D"], folder, found))
+        services.enter_context(_service(["slurmctld", "-D"], folder, found))
+        for name in names:
+            services.enter_context(_service(["slurmd", "-D", "-N", name], folder, found))
         _wait_for("sinfo --noheader --format=%T", "idle", found, folder)
         try:
             yield found
@@ -108,12 +125,12 @@ def slurm(cores: int = 2, memory: int = 8000) -> Iterator[Mapping[str, str]]:
 @contextmanager
 def _service(command: list[str], folder: Path, found: Mapping[str, str]) -> Iterator[None]:
     """Keep a service running that writes into a log of its name."""
-    with (folder / f"{command[0]}.log").open("wb") as log:
+    with (folder / f"{command[0]}.{command[-1].rpartition('/')[2]}.log").open("wb") as log:
         process = subprocess.Popen(command, env=os.environ | found, stdout=log, stderr=log)
     try:
         yield
     finally:
-        process.terminate()
+        process.terminate()  # which is nothing to one that has ended
         process.wait(timeout=_PATIENCE)
 
 

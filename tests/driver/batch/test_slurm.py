@@ -1,4 +1,4 @@
-"""Campaigns on a real Slurm of one node: its jobs are their workers."""
+"""Campaigns on a real Slurm of one node and of two: its jobs are their workers."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -83,6 +84,41 @@ def test_cases_run_in_jobs_of_slurm_and_one_whose_job_is_cancelled_goes_on_in_an
     assert left(file, partial(queued, variables)) == []
     kept = {path.suffix for path in (file.with_suffix(".batch") / "workers").iterdir()}
     assert kept == {".out", ".err"}  # no keys of the scheduler
+
+
+def test_a_case_whose_node_is_lost_goes_on_on_another_one(file: Path) -> None:
+    """Its daemon and all that it runs end at once, as without power, and do not come back."""
+    seen: list[str] = []
+
+    def cut_off(process: psutil.Process, before: int) -> None:
+        of_job = process.environ()
+        seen.append(of_job["SLURMD_NODENAME"])
+        if not before:
+            process.suspend()
+            for one in psutil.process_iter():
+                with suppress(psutil.Error):
+                    if _is_on(one, seen[0], of_job["SLURM_CONF"]):
+                        one.kill()
+
+    file.write_text(STUDY + "[execution]\njobs = 2\n", encoding="utf-8")
+    with slurm(cores=1, nodes=2) as found:
+        variables = {**os.environ, **found, "PYTHONPATH": str(PACKAGES)}
+        with SeenCalls(file, cut_off) as calls:
+            run = command(file, variables)
+            said, complaints = run.communicate(timeout=300)
+        assert (complaints, run.returncode) == ("", 0), said
+        assert left(file, partial(queued, variables)) == []
+    assert {row["status"] for row in rows(file).values()} == {"done"}
+    lost, *others = seen
+    assert set(others) == {"node1", "node2"} - {lost}
+    assert sorted(len(jobs) for jobs in calls.of_case.values()) == [1, 1, 2]
+
+
+def _is_on(process: psutil.Process, node: str, conf: str) -> bool:
+    """Whether a process is the daemon of a node of the Slurm of this file, or runs by it."""
+    named = process.environ()
+    daemon = process.cmdline()[-2:] == ["-N", node]
+    return named.get("SLURM_CONF") == conf and (daemon or named.get("SLURMD_NODENAME") == node)
 
 
 def test_ctrl_c_takes_back_all_jobs_those_that_wait_too(

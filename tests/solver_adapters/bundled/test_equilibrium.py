@@ -214,3 +214,22 @@ def test_a_system_is_solved_as_well_as_newtons_method_leaves_its_residual(
     assert any(accuracy == pytest.approx(0.3 * share) for share, accuracy in before)
     assert finest * last == pytest.approx(1e-10)  # a tenth of the tolerance
     np.testing.assert_allclose(found.u, expected.u, atol=1e-8 * abs(expected.u).max())
+
+
+def test_the_tangents_of_a_trial_go_once_they_are_in_the_matrix(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of a large mesh they take more than all else of it; those of a solved step stay."""
+    case, plain, sizes = _case(PLASTIC), Equilibrium.solve, list[int]()
+
+    def solve(
+        self: Equilibrium, trial: Trial, rhs: FloatArray, accuracy: float = RESIDUAL
+    ) -> FloatArray:
+        sizes.append(trial.C.size + trial.state.size)
+        return plain(self, trial, rhs, accuracy)
+
+    monkeypatch.setattr(Equilibrium, "solve", solve)
+    solved = case.solve()
+    predictor, *iterations = sizes
+    assert predictor > 0 and iterations and not any(iterations)
+    assert solved.C.size and solved.state.size
