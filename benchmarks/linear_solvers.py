@@ -19,13 +19,13 @@ from typing import Any, Protocol
 
 import numpy as np
 import scipy.sparse as sp
-from cvxopt import cholmod, matrix, spmatrix
 from scipy.sparse.linalg import splu
 
 from meshes.arrays import FloatArray, IntArray
 from meshes.gmsh_library import running_gmsh
 from solver_adapters.bundled.linear.nested_dissection import elimination_order
 from solver_adapters.bundled.linear.symmetric import SymmetricSolver
+from solver_adapters.cholmod import cholmod, matrix, spmatrix
 
 try:
     from pypardiso import PyPardisoSolver

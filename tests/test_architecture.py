@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -169,6 +170,16 @@ def test_every_room_is_named_once_and_has_modules() -> None:
     assert len(set(rooms)) == len(rooms)
     lived_in = {room_of(name) for _, name, _ in our_modules() if name not in CORRIDORS}
     assert lived_in == set(rooms)
+
+
+def test_cvxopt_is_imported_by_one_module_which_chooses_the_kernels_of_its_blas() -> None:
+    paths = [path for path, _, _ in our_modules()] + sorted((ROOT / "benchmarks").glob("*.py"))
+    importing = [
+        path.relative_to(ROOT).as_posix()
+        for path in paths
+        if re.search(r"^\s*(from|import) cvxopt\b", path.read_text("utf-8"), re.MULTILINE)
+    ]
+    assert importing == ["solver_adapters/cholmod.py"]
 
 
 def test_every_module_stands_in_a_room() -> None:

@@ -73,7 +73,7 @@ class BundledAdapter:
         """Run a simulation in this process.
 
         With a workspace the state is written there from time to time and on Ctrl-C, and a later
-        call with the same simulation goes on from it.
+        call with the same simulation goes on from it, to answers within the tolerance of equal.
 
         Raises:
             UnsupportedError: a value cannot be honoured, see `refuse_bad_simulation`.

@@ -23,11 +23,12 @@ ROUNDING = 1e-12
 ROUNDED_STRAIN = 1e-15
 # Beyond so many times its length a step says little of another one.
 _MOST_SCALED = 4.0
-# Accuracies between which the linear systems of the Newton iteration are solved.
-ROUGH, FINE = 1e-1, 1e-8
-# What Newton's method leaves of a residual equal to the reaction.
+# Accuracy with which each linear system of the Newton iteration is solved at least: with 0.1 a step
+# that begins far from equilibrium takes up to a third more iterations.
+ROUGH = 1e-2
+# What Newton's method leaves of a residual as large as the reaction (benchmarks/numerics.md).
 LEFT = 0.3
-_NONE = np.empty((0, 9, 9))
+_EMPTY = np.empty((0, 9, 9))
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +39,10 @@ class Trial:
         moves: whether the boundary moves in the step, or holds.
         u: displacement [µm], (n_nodes, 3).
         H: displacement gradients times the crystal rotations, (n_points, 9).
-        state: states of the points, (n_points, n_state).
+        state: states of the points, (n_points, n_state); empty where a line search starts.
         slips: slips of the step, (n_points, n_systems).
         P: first Piola–Kirchhoff stress times the crystal rotations [MPa], (n_points, 9).
-        C: tangents ∂P/∂H, (n_points, 9, 9).
+        C: tangents ∂P/∂H, (n_points, 9, 9); empty where a line search starts.
         forces: nodal forces [µN], (3·n_nodes,).
         local_failure: the point whose law found no solution, or None.
     """
@@ -56,9 +57,9 @@ class Trial:
     forces: FloatArray
     local_failure: int | None
 
-    def beginning(self) -> Trial:
-        """Return it without its states and tangents: large, and no start of another trial."""
-        return replace(self, state=_NONE, C=_NONE)
+    def without_tangents(self) -> Trial:
+        """Return it without tangents and states, the largest of its arrays."""
+        return replace(self, state=_EMPTY, C=_EMPTY)
 
 
 class NotConvergedError(Exception):
@@ -184,7 +185,7 @@ class Equilibrium:
             if norm <= target and trial.local_failure is None:
                 return trial
             self.assemble(trial)
-            trial = trial.beginning()
+            trial = trial.without_tangents()  # The matrix holds them.
             accuracy = _accuracy(norm, target, reaction)
             step = self.solve(trial, -trial.forces[free], accuracy)
             self.statistics.iterations += 1
@@ -228,15 +229,23 @@ class Equilibrium:
 
 
 def _accuracy(norm: float, target: float, reaction: float) -> float:
-    """Accuracy to solve a linear system of the Newton iteration with, relative to its residual.
+    """Largest ‖b − A x‖ / ‖b‖ of a linear system of the iteration.
 
-    No better than what the method leaves itself, which falls with the square of the residual,
-    after Dembo, Eisenstat and Steihaug (1982); where that is below the target, a tenth of it.
+    Newton's method leaves LEFT norm² / reaction of a residual. A better solution is of no use
+    (Dembo, Eisenstat and Steihaug, SIAM J. Numer. Anal. 19 (1982) 400). The last iteration leaves
+    a tenth of the target. At the target only a point without a solution asks for an iteration.
+
+    Args:
+        norm: of the residual [µN].
+        target: norm at which the iteration ends [µN].
+        reaction: norm of the prescribed forces, 0 for none [µN].
     """
+    if norm <= target:
+        return ROUGH
     left = LEFT * norm / max(reaction, norm)
     if left * norm <= target:
         left = 0.1 * target / norm
-    return min(ROUGH, max(left, FINE))
+    return min(ROUGH, left)
 
 
 def _ratio(moved: FloatArray, before: FloatArray) -> float:

@@ -5,14 +5,17 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import cvxopt
 import pytest
 
-from solver_adapters.cholmod import CORE, PROCESSOR, core_told, has_avx2
+from solver_adapters.cholmod import CORE, PROCESSOR, core_of, core_type_set
 
-AVX2 = "processor\t: 0\nflags\t\t: fpu sse3 fma avx avx2 avx512f\n\nprocessor\t: 1\n"
+AVX2 = (
+    "processor\t: 0\nvmx flags\t: ept\nflags\t\t: fpu sse3 fma avx avx2 avx512f\n\nprocessor\t: 1\n"
+)
 CORE_NAME = """
 import ctypes, sys
 import solver_adapters.cholmod
@@ -28,39 +31,51 @@ def _file(folder: Path, text: str) -> Path:
     return path
 
 
-def test_a_processor_has_avx2_where_linux_says_so(tmp_path: Path) -> None:
-    assert has_avx2(_file(tmp_path, AVX2))
+def test_a_processor_is_told_as_one_of_the_same_vectors(tmp_path: Path) -> None:
+    assert core_of(_file(tmp_path, AVX2)) == "Haswell"
+    wide = AVX2.replace("avx512f", "avx512f avx512cd avx512bw avx512dq avx512vl")
+    assert core_of(_file(tmp_path, wide)) == "SkylakeX"
     for text in (AVX2.replace("avx2 ", ""), AVX2.replace("fma ", ""), "Features\t: neon\n", ""):
-        assert not has_avx2(_file(tmp_path, text))
-    assert not has_avx2(tmp_path / "none")
+        assert core_of(_file(tmp_path, text)) is None
+    assert core_of(tmp_path / "none") is None
+
+
+def test_the_name_of_a_processor_may_be_in_any_encoding(tmp_path: Path) -> None:
+    path = tmp_path / "cpuinfo"
+    path.write_bytes(b"model name\t: Intel\xae\n" + AVX2.encode())
+    assert core_of(path) == "Haswell"
 
 
 def test_the_environment_is_as_before_once_the_library_is_loaded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv(CORE, raising=False)
-    with core_told(_file(tmp_path, AVX2)):
+    with core_type_set(_file(tmp_path, AVX2)):
         assert os.environ[CORE] == "Haswell"
     assert CORE not in os.environ
-    with core_told(tmp_path / "none"):
+    with suppress(ImportError), core_type_set(_file(tmp_path, AVX2)):
+        raise ImportError
+    assert CORE not in os.environ
+    with core_type_set(tmp_path / "none"):
         assert CORE not in os.environ
 
 
 def test_what_the_user_told_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(CORE, "Zen")
-    with core_told(_file(tmp_path, AVX2)):
+    with core_type_set(_file(tmp_path, AVX2)):
         assert os.environ[CORE] == "Zen"
     assert os.environ[CORE] == "Zen"
 
 
-def test_on_a_processor_with_avx2_openblas_of_the_wheel_uses_it() -> None:
+def test_openblas_of_the_wheel_uses_what_it_is_told() -> None:
     libraries = Path(cvxopt.__file__).parent.with_name("cvxopt.libs")
     found = sorted(libraries.glob("libopenblas*.so"))
-    if not found or not has_avx2(PROCESSOR):
+    core = core_of(PROCESSOR)
+    if not found or core is None:
         pytest.skip("no OpenBLAS in a wheel of cvxopt, or no AVX2")
     environment = {name: value for name, value in os.environ.items() if name != CORE}
     told = subprocess.run(
         [sys.executable, "-c", CORE_NAME, str(found[0])],
         capture_output=True, text=True, check=True, env=environment,
     )  # fmt: skip
-    assert told.stdout.strip() == "Haswell"
+    assert told.stdout.strip() == core

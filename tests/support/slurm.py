@@ -29,7 +29,7 @@ _CONF = """\
 ClusterName=prismid
 SlurmctldHost={host}(127.0.0.1)
 SlurmctldPort={port}
-SlurmdTimeout={patience}
+SlurmdTimeout={silence}
 SlurmUser={user}
 SlurmdUser={user}
 AuthType=auth/munge
@@ -101,19 +101,21 @@ def slurm(cores: int = 2, memory: int = 8000, nodes: int = 1) -> Iterator[Mappin
             "".join(told)
             + _CONF.format(
                 host=host, port=port, user=getuser(), folder=folder, partition=PARTITION,
-                patience=_SILENCE,
+                silence=_SILENCE,
             )
         )  # fmt: skip
         found = {"SLURM_CONF": str(conf), "PATH": _FULL_PATH}
         of_munge = {"key-file": "key", "socket": "socket", "pid-file": "pid", "log-file": "log",
                     "seed-file": "seed"}  # fmt: skip
         options = [f"--{option}={folder}/munge.{end}" for option, end in of_munge.items()]
-        services.enter_context(_service(["munged", "--foreground", *options], folder, found))
+        services.enter_context(
+            _service("munged", ["munged", "--foreground", *options], folder, found)
+        )
         _wait_for(f"munge --no-input --socket={folder}/munge.socket --output=/dev/null", "",
                   found, folder)  # fmt: skip
-        services.enter_context(_service(["slurmctld", "-D"], folder, found))
+        services.enter_context(_service("slurmctld", ["slurmctld", "-D"], folder, found))
         for name in names:
-            services.enter_context(_service(["slurmd", "-D", "-N", name], folder, found))
+            services.enter_context(_service(name, ["slurmd", "-D", "-N", name], folder, found))
         _wait_for("sinfo --noheader --format=%T", "idle", found, folder)
         try:
             yield found
@@ -123,14 +125,16 @@ def slurm(cores: int = 2, memory: int = 8000, nodes: int = 1) -> Iterator[Mappin
 
 
 @contextmanager
-def _service(command: list[str], folder: Path, found: Mapping[str, str]) -> Iterator[None]:
+def _service(
+    name: str, command: list[str], folder: Path, found: Mapping[str, str]
+) -> Iterator[None]:
     """Keep a service running that writes into a log of its name."""
-    with (folder / f"{command[0]}.{command[-1].rpartition('/')[2]}.log").open("wb") as log:
+    with (folder / f"{name}.log").open("wb") as log:
         process = subprocess.Popen(command, env=os.environ | found, stdout=log, stderr=log)
     try:
         yield
     finally:
-        process.terminate()  # which is nothing to one that has ended
+        process.terminate()  # No error where it has ended.
         process.wait(timeout=_PATIENCE)
 
 

@@ -404,7 +404,7 @@ class Pattern:
 
     Attributes:
         free: free degrees of freedom 3·node + component, shape (n_free,).
-        indptr, indices: compressed columns.
+        indptr, indices: compressed columns, of 4 bytes as `slots`: fewer than 2³¹ entries.
         slots: where each entry of each element's lower triangle goes, shape
             (n_cells, N (N + 1)/2); entries on prescribed degrees of freedom go to slot `nnz`.
         flipped: whether the entry lies in the upper triangle of the whole, so that its mirror is

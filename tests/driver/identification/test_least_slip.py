@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cvxopt import matrix, solvers
 from scipy.spatial import ConvexHull
 
 from driver.identification.least_slip import (
@@ -61,6 +60,8 @@ def test_the_smallest_sum_is_that_of_the_convex_hull_of_the_systems() -> None:
 
 def test_within_a_distance_it_is_that_of_a_conic_program() -> None:
     """SSLIP states the problem so: least sum under one second-order cone, here by CVXOPT."""
+    from cvxopt import matrix, solvers  # Not before the solver has chosen its kernels.
+
     both = np.hstack([COLUMNS, -COLUMNS])
     for strain in np.random.default_rng(4).standard_normal((5, 3)):
         answer = solvers.socp(

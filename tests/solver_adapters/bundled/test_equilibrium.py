@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import weakref
 from dataclasses import dataclass
 from typing import Any
 
@@ -193,7 +194,7 @@ def test_a_system_is_solved_as_well_as_newtons_method_leaves_its_residual(
     """The iterations are as many as with exact systems, and the last one ends at its target."""
     exact = _case(PLASTIC)
     with monkeypatch.context() as patch:
-        patch.setattr(equilibrium, "LEFT", 0.0)
+        patch.setattr(equilibrium, "_accuracy", lambda *_: RESIDUAL)
         expected = exact.solve()
     case, plain = _case(PLASTIC), Equilibrium.solve
     asked: list[tuple[float, float]] = []
@@ -219,17 +220,29 @@ def test_a_system_is_solved_as_well_as_newtons_method_leaves_its_residual(
 def test_the_tangents_of_a_trial_go_once_they_are_in_the_matrix(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Of a large mesh they take more than all else of it; those of a solved step stay."""
-    case, plain, sizes = _case(PLASTIC), Equilibrium.solve, list[int]()
+    """Of a large mesh they take more than all else of a trial; those of a solved step stay."""
+    case, evaluate, plain = _case(PLASTIC), Equilibrium._evaluate, Equilibrium.solve
+    tangents: list[weakref.ref[FloatArray]] = []
+    alive: list[int] = []
+
+    def watch(self: Equilibrium, *arguments: Any) -> Trial:
+        trial = evaluate(self, *arguments)
+        tangents.append(weakref.ref(trial.C))
+        return trial
 
     def solve(
         self: Equilibrium, trial: Trial, rhs: FloatArray, accuracy: float = RESIDUAL
     ) -> FloatArray:
-        sizes.append(trial.C.size + trial.state.size)
+        alive.append(sum(one() is not None for one in tangents))
         return plain(self, trial, rhs, accuracy)
 
+    monkeypatch.setattr(Equilibrium, "_evaluate", watch)
     monkeypatch.setattr(Equilibrium, "solve", solve)
     solved = case.solve()
-    predictor, *iterations = sizes
-    assert predictor > 0 and iterations and not any(iterations)
+    predictor, *iterations = alive
+    assert predictor == 1 and iterations and not any(iterations)
     assert solved.C.size and solved.state.size
+
+
+def test_without_a_reaction_a_linear_system_is_solved_roughly() -> None:
+    assert equilibrium._accuracy(1.0, 1e-9, 0.0) == equilibrium.ROUGH

@@ -52,6 +52,13 @@ class Discrete:
         return K
 
 
+def test_the_indices_of_a_pattern_take_four_bytes() -> None:
+    mesh = BOXES["hex20"]()
+    pattern = assembly.stiffness_pattern(mesh.cells, np.zeros(3 * len(mesh.points), bool))
+    for indices in (pattern.indptr, pattern.indices, pattern.slots):
+        assert indices.itemsize == 4
+
+
 @pytest.fixture(scope="module", params=list(BOXES))
 def discrete(request: pytest.FixtureRequest) -> Discrete:
     mesh = BOXES[request.param]()

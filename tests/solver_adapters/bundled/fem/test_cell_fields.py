@@ -218,7 +218,6 @@ def test_asking_for_fields_changes_no_other_number(measure: StrainMeasure) -> No
     np.testing.assert_array_equal(plain.force, asked.force)
 
 
-@pytest.mark.usefixtures("exact_newton")
 @pytest.mark.parametrize("measure", ["small", "finite"])
 def test_a_run_that_was_stopped_goes_on_with_its_slips(
     measure: StrainMeasure, tmp_path: Path
@@ -238,7 +237,10 @@ def test_a_run_that_was_stopped_goes_on_with_its_slips(
     assert resumed is not None
     assert abs(whole.slip[-1]).max() > 1e-3
     for name in ("stress", "slip", "accumulated_slip", "rotation"):
-        np.testing.assert_array_equal(getattr(resumed, name), getattr(whole, name), err_msg=name)
+        expected = getattr(whole, name)
+        np.testing.assert_allclose(
+            getattr(resumed, name), expected, rtol=0, atol=1e-8 * abs(expected).max(), err_msg=name
+        )
 
 
 def test_a_run_that_breaks_off_hands_over_the_fields_that_it_reached() -> None:

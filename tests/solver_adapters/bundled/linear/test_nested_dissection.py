@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cvxopt import cholmod, matrix, spmatrix
 
 from meshes.arrays import FloatArray, IntArray
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.bundled.fem.assembly import Pattern, stiffness_pattern
 from solver_adapters.bundled.linear.nested_dissection import elimination_order
 from solver_adapters.cholesky import Cholesky
+from solver_adapters.cholmod import cholmod, matrix, spmatrix
 from tools.boxes import box, hex_box
 
 

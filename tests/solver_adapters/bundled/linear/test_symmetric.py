@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from cvxopt import cholmod
 
 from meshes.arrays import FloatArray
 from solver_adapters.bundled.linear import residual_check, symmetric
@@ -16,6 +15,7 @@ from solver_adapters.bundled.linear.residual_check import LinearSolverError
 from solver_adapters.bundled.linear.split_matrix import LARGEST_RESIDUAL, RESIDUAL
 from solver_adapters.bundled.linear.symmetric import SymmetricSolver, iterations_for_factor
 from solver_adapters.cholesky import Cholesky
+from solver_adapters.cholmod import cholmod
 from tests.solver_adapters.bundled.matrices import (
     N,
     chain,
