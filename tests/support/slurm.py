@@ -22,7 +22,6 @@ from tempfile import TemporaryDirectory
 
 PROGRAMS = ("munge", "munged", "slurmctld", "slurmd", "sbatch", "squeue", "scancel")
 _FULL_PATH = os.pathsep.join((os.environ.get("PATH", os.defpath), "/usr/sbin", "/sbin"))
-_SILENCE = 10  # s after which a node that says nothing is lost
 _PATIENCE = 30.0  # s, for the start of a service, and for the end of jobs that are cancelled
 
 _CONF = """\
@@ -69,13 +68,16 @@ def node_names(number: int) -> list[str]:
 
 
 @contextmanager
-def slurm(cores: int = 2, memory: int = 8000, nodes: int = 1) -> Iterator[Mapping[str, str]]:
+def slurm(
+    cores: int = 2, memory: int = 8000, nodes: int = 1, silence: int = 300
+) -> Iterator[Mapping[str, str]]:
     """Start it, and end it with all its jobs.
 
     Args:
         cores: of a node, which may be more than there are.
         memory: of a node, nor is it limited [MB].
         nodes: node1, node2 and so on, each with a daemon of its own.
+        silence: after which a node that does not answer is lost [s].
 
     Yields:
         Variables of the environment by which commands of Slurm find it.
@@ -101,7 +103,7 @@ def slurm(cores: int = 2, memory: int = 8000, nodes: int = 1) -> Iterator[Mappin
             "".join(told)
             + _CONF.format(
                 host=host, port=port, user=getuser(), folder=folder, partition=PARTITION,
-                silence=_SILENCE,
+                silence=silence,
             )
         )  # fmt: skip
         found = {"SLURM_CONF": str(conf), "PATH": _FULL_PATH}

@@ -101,7 +101,7 @@ def test_a_case_whose_node_is_lost_goes_on_on_another_one(file: Path) -> None:
                         one.kill()
 
     file.write_text(STUDY + "[execution]\njobs = 2\n", encoding="utf-8")
-    with slurm(cores=1, nodes=2) as found:
+    with slurm(cores=1, nodes=2, silence=20) as found:
         variables = {**os.environ, **found, "PYTHONPATH": str(PACKAGES)}
         with SeenCalls(file, cut_off) as calls:
             run = command(file, variables)
