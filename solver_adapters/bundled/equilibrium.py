@@ -24,8 +24,9 @@ ROUNDED_STRAIN = 1e-15
 # Beyond so many times its length a step says little of another one.
 _MOST_SCALED = 4.0
 # Accuracy with which each linear system of the Newton iteration is solved at least: with 0.1 a step
-# that begins far from equilibrium takes up to a third more iterations.
-ROUGH = 1e-2
+# that begins far from equilibrium takes up to a third more iterations, and with 0.01 a slip of 1e-9
+# of a step may go unseen.
+ROUGH = 1e-3
 # What Newton's method leaves of a residual as large as the reaction (benchmarks/numerics.md).
 LEFT = 0.3
 _EMPTY = np.empty((0, 9, 9))

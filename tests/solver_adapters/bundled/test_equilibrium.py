@@ -213,7 +213,8 @@ def test_a_system_is_solved_as_well_as_newtons_method_leaves_its_residual(
     assert case.iterations == len(asked) <= exact.iterations + 1
     assert before[0][1] == equilibrium.ROUGH
     assert any(accuracy == pytest.approx(0.3 * share) for share, accuracy in before)
-    assert finest * last == pytest.approx(1e-10)  # a tenth of the tolerance
+    a_tenth = 1e-10 / last  # of the tolerance
+    assert finest == pytest.approx(min(a_tenth, equilibrium.ROUGH))
     np.testing.assert_allclose(found.u, expected.u, atol=1e-8 * abs(expected.u).max())
 
 
@@ -242,6 +243,11 @@ def test_the_tangents_of_a_trial_go_once_they_are_in_the_matrix(
     predictor, *iterations = alive
     assert predictor == 1 and iterations and not any(iterations)
     assert solved.C.size and solved.state.size
+
+
+def test_the_last_linear_system_leaves_a_tenth_of_the_target() -> None:
+    assert equilibrium._accuracy(1e-5, 1e-9, 1.0) == pytest.approx(1e-5)
+    assert equilibrium._accuracy(1e-4, 1e-9, 1.0) == pytest.approx(3e-5)
 
 
 def test_without_a_reaction_a_linear_system_is_solved_roughly() -> None:

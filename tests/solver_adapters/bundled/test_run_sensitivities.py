@@ -216,7 +216,6 @@ def _compare(
         )
 
 
-@pytest.mark.usefixtures("exact_newton")
 @pytest.mark.parametrize("material", [BASELINE, BANDED], ids=["baseline", "general"])
 def test_derivatives_of_a_cycle_are_its_difference_quotients(
     measure: StrainMeasure, material: Material
