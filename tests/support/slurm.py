@@ -62,11 +62,6 @@ def missing() -> list[str]:
     return [name for name in PROGRAMS if shutil.which(name, path=_FULL_PATH) is None]
 
 
-def node_names(number: int) -> list[str]:
-    """Return the names of so many nodes."""
-    return [f"node{place}" for place in range(1, number + 1)]
-
-
 @contextmanager
 def slurm(
     cores: int = 2, memory: int = 8000, nodes: int = 1, silence: int = 300
@@ -92,7 +87,8 @@ def slurm(
         (folder / "state").mkdir()
         (folder / "munge.key").touch(mode=0o600)
         (folder / "munge.key").write_bytes(os.urandom(1024))
-        host, names = socket.gethostname().partition(".")[0], node_names(nodes)
+        host = socket.gethostname().partition(".")[0]
+        names = [f"node{place}" for place in range(1, nodes + 1)]
         port, *ports = _free_ports(1 + nodes)
         told = [
             _NODE.format(name=name, host=host, port=own, cores=cores, memory=memory)

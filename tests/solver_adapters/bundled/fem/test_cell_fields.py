@@ -24,6 +24,7 @@ from solver_adapters.material import Material, StrainMeasure
 from tools.boxes import BOXES, ORIENTATIONS, box, moved, pulled, skin
 
 HISTORY = (0.002, 0.004, 0.008, 0.007)
+FIELDS = ("stress", "slip", "accumulated_slip", "rotation")
 YY = 1
 
 
@@ -218,10 +219,8 @@ def test_asking_for_fields_changes_no_other_number(measure: StrainMeasure) -> No
     np.testing.assert_array_equal(plain.force, asked.force)
 
 
-@pytest.mark.parametrize("measure", ["small", "finite"])
-def test_a_run_that_was_stopped_goes_on_with_its_slips(
-    measure: StrainMeasure, tmp_path: Path
-) -> None:
+def _stopped_and_whole(measure: StrainMeasure, folder: Path) -> tuple[CellFields, CellFields]:
+    """Fields of a run that was stopped halfway and went on, and of one that was not."""
     simulation = pulled(box(), Material(strain_measure=measure), HISTORY)
     simulation = replace(simulation, cell_fields=True, output=np.array([0, 2, 4]))
 
@@ -231,16 +230,34 @@ def test_a_run_that_was_stopped_goes_on_with_its_slips(
 
     adapter = BundledAdapter()
     with pytest.raises(KeyboardInterrupt):
-        adapter.solve(simulation, tmp_path, stop)
-    resumed = adapter.solve(simulation, tmp_path).cells
+        adapter.solve(simulation, folder, stop)
+    resumed = adapter.solve(simulation, folder).cells
     _, whole = solve(simulation)
     assert resumed is not None
     assert abs(whole.slip[-1]).max() > 1e-3
-    for name in ("stress", "slip", "accumulated_slip", "rotation"):
+    return resumed, whole
+
+
+@pytest.mark.parametrize("measure", ["small", "finite"])
+def test_a_run_that_was_stopped_goes_on_with_its_slips(
+    measure: StrainMeasure, tmp_path: Path
+) -> None:
+    resumed, whole = _stopped_and_whole(measure, tmp_path)
+    for name in FIELDS:
         expected = getattr(whole, name)
         np.testing.assert_allclose(
             getattr(resumed, name), expected, rtol=0, atol=1e-8 * abs(expected).max(), err_msg=name
         )
+
+
+@pytest.mark.usefixtures("exact_newton")
+@pytest.mark.parametrize("measure", ["small", "finite"])
+def test_with_exact_linear_systems_it_goes_on_to_the_last_digit(
+    measure: StrainMeasure, tmp_path: Path
+) -> None:
+    resumed, whole = _stopped_and_whole(measure, tmp_path)
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(resumed, name), getattr(whole, name), err_msg=name)
 
 
 def test_a_run_that_breaks_off_hands_over_the_fields_that_it_reached() -> None:
