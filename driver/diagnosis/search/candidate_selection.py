@@ -11,7 +11,7 @@ from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.diagnosis.search.noise_continuation import refit_by_noise_continuation
 from driver.diagnosis.search.refit import HOPEFUL, Executor, refit_causes, refit_from_afar
 from driver.diagnosis.statistics.model_comparison import is_excess, share_explained
-from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score, subspace_similarity
+from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, subspace_similarity
 from driver.identification.line_search import newton
 from driver.identification.objective import Evaluation, Objective
 
@@ -82,7 +82,9 @@ def refits_of_likely(
     if bent:
         # Scores tell no more in which order refits come, nor do first steps what they gain.
         known = {refit.cause for refit in best} | placed
-        others = [s for s in tried if s.cause not in known and s.p < NAMING_LEVEL]
+        worth = [s for s in tried[:most] if s.log_evidence > WORTH]
+        likely = [s for s in tried if s.p < NAMING_LEVEL or s in worth]
+        others = [s for s in likely if s.cause not in known]
         if others:
             logger.info(f"the best is another one than its score: refitting {_listed(others)}")
             more = refit_causes(others, screening, baseline, objective, executor)

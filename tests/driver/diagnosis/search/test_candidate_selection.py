@@ -126,11 +126,19 @@ def test_a_refit_that_ran_out_of_iterations_beside_its_optimum_needs_no_other_st
     assert not is_far_from_its_end(replace(stalled, fit=replace(stalled.fit, converged=True)))
 
 
-@pytest.mark.parametrize("bent", [True, False])
-def test_where_the_best_refit_is_another_one_than_its_score_all_that_are_seen_are_refitted(
-    bent: bool,
+@pytest.mark.parametrize(
+    ("bent", "most", "with_it"),
+    [
+        (False, 1, ()),
+        (True, 1, ("seen",)),
+        (True, 2, ("seen", "worth")),
+        (True, 3, ("seen", "worth")),
+    ],
+)
+def test_where_the_best_refit_is_another_one_than_its_score_all_that_are_likely_are_refitted(
+    bent: bool, most: int, with_it: tuple[str, ...]
 ) -> None:
-    wanted = ("tilt_drift", "magnification_drift", "end_rotation")
+    wanted = ("tilt_drift", "magnification_drift", "end_rotation", "height_scale")
     made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": 4e-4})
     objective, baseline = identified(BENCH, made)
     causes, names = screened(objective.model, baseline.best.free, wanted)
@@ -138,11 +146,14 @@ def test_where_the_best_refit_is_another_one_than_its_score_all_that_are_seen_ar
     effects = effects_of(causes, augmented, objective.parameters)
     scores = [score(c, e, baseline.best, len(causes)) for c, e in zip(causes, effects, strict=True)]
     best, *others = sorted(scores, key=lambda one: -one.log_evidence)
-    # Others are seen, and far behind; one is not seen.
-    behind = [
-        replace(one, log_evidence=1.0, p=p) for one, p in zip(others, (1e-4, 0.1), strict=True)
-    ]
+    # Far behind one is worth adding, one is not, and one is seen whatever it is worth.
+    likely = {"worth": (1.1, 0.1), "not": (0.9, 0.1), "seen": (0.8, 1e-4)}
+    behind = {
+        what: replace(other, log_evidence=evidence, p=p)
+        for other, (what, (evidence, p)) in zip(others, likely.items(), strict=True)
+    }
+    tried = [best, *behind.values()]
     with patch.object(candidate_selection, "_bent", lambda *arguments: bent):
-        found = refits_of_likely([best, *behind], (), augmented, baseline.best, objective, 1, CREW)
-    expected = {best.cause.name, behind[0].cause.name} if bent else {best.cause.name}
+        found = refits_of_likely(tried, (), augmented, baseline.best, objective, most, CREW)
+    expected = {best.cause.name, *(behind[what].cause.name for what in with_it)}
     assert {refit.cause.name for refit in found} == expected
