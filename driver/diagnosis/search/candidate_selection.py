@@ -50,10 +50,10 @@ def refits_of_likely(
         SolverError: a simulation could not be finished.
     """
     tried = [s for s in scores if s.cause not in (NUMERICS, *COVARIANCE) and s.degrees]
-    # What lies somewhere has begun where it shows, of which its null says nothing, and has a
-    # correction of its own, by which others are not to be measured.
-    placed = {refit.cause for refit in afar if refit.cause.places}
-    chosen = to_refit([s for s in tried if s.cause not in placed], most)
+    # What has begun where it shows has a correction of its own, by which others are not to be
+    # measured; and of what lies somewhere, or bends, its null says nothing.
+    apart = {r.cause for r in afar if r.objective.correction is not objective.correction}
+    chosen = to_refit([s for s in tried if s.cause not in apart], most)
     large = baseline.chi_load > LARGE
     # Where the baseline itself has come to no end no derivative holds.
     lost = large and newton(objective, baseline)[1] > LOST
@@ -62,7 +62,7 @@ def refits_of_likely(
         if chosen:
             logger.info(f"refitting {_listed(chosen)}")
         refits = refit_causes(chosen, screening, baseline, objective, executor)
-        shown = [s.cause for s in tried if s.cause in placed and s.p < NAMING_LEVEL]
+        shown = [s.cause for s in tried if s.cause in apart and s.p < NAMING_LEVEL]
         counted = [*shown, *(s.cause for s in chosen)]
         best = best_of_each([*refits, *(r for r in afar if r.cause in counted)])
     if large and tried and not _explained(baseline, best):
@@ -72,16 +72,16 @@ def refits_of_likely(
         best = best_of_each([*best, *afar, *soft])
     every = (large and not lost) or bool(best and not _explained(baseline, best))
     if every:
-        known = {refit.cause for refit in best} | placed
+        known = {refit.cause for refit in best} | apart
         others = [s for s in tried if s.cause not in known]
         logger.info(f"a large effect, or one half explained: refitting {_listed(others)}")
-        threshold = cost_to_promise([r for r in best if r.cause not in placed], baseline)
+        threshold = cost_to_promise([r for r in best if r.cause not in apart], baseline)
         more = refit_causes(others, screening, baseline, objective, executor, threshold)
         best = best_of_each([*best, *afar, *more])
     bent = bool(best) and not large and _bent(best[0], scores)
     if bent:
         # Scores tell no more in which order refits come, nor do first steps what they gain.
-        known = {refit.cause for refit in best} | placed
+        known = {refit.cause for refit in best} | apart
         worth = [s for s in tried[:most] if s.log_evidence > WORTH]
         likely = [s for s in tried if s.p < NAMING_LEVEL or s in worth]
         others = [s for s in likely if s.cause not in known]
@@ -95,10 +95,10 @@ def refits_of_likely(
     # Soft loads were another start than a baseline that is lost.
     far = every if large else bent
     leading = {r.cause.name for r in best[:most]} if far else set()
-    again = [s for s in tried if s.cause.name in stalled | leading and s.cause not in placed]
+    again = [s for s in tried if s.cause.name in stalled | leading and s.cause not in apart]
     if again:
         logger.info(f"from other starts: {_listed(again)}")
-        threshold = cost_to_promise([r for r in best if r.cause not in placed], baseline)
+        threshold = cost_to_promise([r for r in best if r.cause not in apart], baseline)
         best = best_of_each(
             [*best, *refit_from_afar(again, baseline, objective, executor, threshold)]
         )

@@ -3,11 +3,11 @@
 A score is of first order. Far from its null such a cause does something else than near it: of the
 effect of a few prior scales hardly anything lies along the derivative at the null, and the data
 do not show it there. It is scored as well by the change of the prediction from the fit to where it
-stands three prior scales off its null, on either side; where that promises something beside the
-best cause that is known, by what a refit from there gains. What puts a cause so near to its null
-that the derivative holds has nothing to say beside it. Of a cause with a kink at its null it holds
-nowhere: that one is always looked at, a third of a prior scale off its null as well, and counts
-there however small it is.
+stands three prior scales off its null, on either side, under the correction taken there if it
+promises something; where that does so beside the best cause that is known, by what a refit from
+there gains. What puts a cause so near to its null that the derivative holds has nothing to say
+beside it. Of a cause with a kink at its null it holds nowhere: that one is always looked at, a
+third of a prior scale off its null as well, and counts there however small it is.
 
 What lies somewhere, as a band across a grain, is looked at in its places (`looks_in_places`). Its
 middle and its width are two more degrees of freedom in its significance.
@@ -27,8 +27,9 @@ from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.causes.noise_causes import COVARIANCE
+from driver.diagnosis.search.corrected_looks import refit_from_look, seen_corrected
 from driver.diagnosis.search.looks import Side, Task, promises, seen_at
-from driver.diagnosis.search.looks_in_places import looks_in_places, refit_from_place
+from driver.diagnosis.search.looks_in_places import looks_in_places
 from driver.diagnosis.search.refit import (
     FAR,
     MOST_FROM_AFAR,
@@ -99,10 +100,10 @@ def finite_step_scores(
 
     Those that hide come first, where their derivative does not show them or has a kink. The others
     come where something is wrong (the tests reject, or a cause is seen by its derivative or from
-    afar) and their derivative does not make them lead, or they lie somewhere. Each costs two
-    simulations, one where its parameter is an instrument's, or one for each of its places, and a
-    finer one for each of the two of these that promise most. A refit follows where they promise
-    something beside the best cause so far.
+    afar), and those that hide but do not here. Each costs two simulations and a finer one for each
+    that promises something; one where its parameter is an instrument's; or one for each of its
+    places, and a finer one for each of the two of these that promise most. A refit follows where
+    they promise something beside the best cause so far.
 
     Args:
         scores: of all causes, to first order.
@@ -119,7 +120,6 @@ def finite_step_scores(
     """
     hiding = [s for s in scores if s.cause.check_always and (s.cause.kinked or not _shows(s))]
     afar = [s for s in scores if s.cause.strongly_nonlinear or s.cause.places]
-    others = [s for s in afar if not s.cause.check_always]
 
     def looked(bent: Sequence[Score], before: int, rivals: Sequence[Score]) -> list[_Look]:
         family = len(scores) + before + _tries(bent)
@@ -138,8 +138,7 @@ def finite_step_scores(
     looks = looked(hiding, 0, _of_the_mean(causes))
     seen = [s for s in causes if s not in hiding] + [look.score for look in looks]
     if not accepted or any(s.p < NAMING_LEVEL for s in seen):
-        leader = max(seen, key=lambda s: s.log_evidence, default=None)
-        rest = [s for s in others if s.cause.places or not (s is leader and _shows(s))]
+        rest = [s for s in afar if s not in hiding]
         looks += looked(rest, _tries(hiding), _of_the_mean(seen))
     best = {s.cause.name: s for s in (*scores, *(look.score for look in looks))}
     refits = [refit for look in looks for refit in look.refits]
@@ -168,18 +167,14 @@ def _look(task: Task) -> _Look:
 
 def _best_score(task: Task) -> tuple[Score, list[Refit]]:
     """Return the score of a cause from where it shows best, and its refits."""
-    near, fitted = task.near, task.here
+    near = task.near
     extended = with_prior(task.objective, near.cause)
     if near.cause.places:
         sides = looks_in_places(task, extended)
     else:
-        sides = [seen_at(task, at, n) for at, n in _sides(near, fitted, extended) if n]
+        sides = _both_sides(task, extended)
     promising = [
-        one
-        for one in sides
-        if (near.cause.places or one.score.estimate[0] * one.amount > 0)
-        and _may_be_far(one.score)
-        and promises(one)
+        one for one in sides if _on_its_side(one) and _may_be_far(one.score) and promises(one)
     ]
     scores = [near, *(one.score for one in promising)]
     refits: list[Refit] = []
@@ -193,7 +188,9 @@ def _best_score(task: Task) -> tuple[Score, list[Refit]]:
             end = _gained(refit, begin.score, task)
             # What the sides promise the refit has tried.
             scores = [near]
-            if abs(end.estimate[0]) > _least_amount(near.cause) and refit.log_evidence > WORTH:
+            # Where the correction is the cause's own, its derivative at the null never held.
+            is_far = begin.is_corrected or abs(end.estimate[0]) > _least_amount(near.cause)
+            if is_far and refit.log_evidence > WORTH:
                 refits.append(refit)
                 scores.append(end)
     best = max(scores, key=lambda s: s.log_evidence)
@@ -205,6 +202,29 @@ def _best_score(task: Task) -> tuple[Score, list[Refit]]:
     if best.p < NAMING_LEVEL:
         best = replace(best, visible=np.minimum(best.visible, np.abs(best.estimate)))
     return best, refits
+
+
+def _both_sides(task: Task, extended: Objective) -> list[Side]:
+    """Return the fit with a cause off its null, corrected where that promises something.
+
+    By the correction at the fit a contrast of four prior scales stood within one of its null. What
+    an instrument shows has no correction.
+    """
+    near = task.near
+    (name,) = near.cause.parameters
+    sides = [seen_at(task, at, n) for at, n in _sides(near, task.here, extended) if n]
+    if not extended.model.simulated(name):
+        return sides
+    again = [_on_its_side(side) and promises(side) for side in sides]
+    corrected = iter(
+        seen_corrected(task, extended, [s for s, it in zip(sides, again, strict=True) if it], name)
+    )
+    return [next(corrected) if it else side for side, it in zip(sides, again, strict=True)]
+
+
+def _on_its_side(side: Side) -> bool:
+    """Whether a look puts a cause on the side where it was looked at."""
+    return bool(side.score.cause.places) or side.score.estimate[0] * side.amount > 0
 
 
 def _visible(near: Score, sides: Sequence[Side]) -> list[FloatArray]:
@@ -230,10 +250,12 @@ def _least_amount(cause: Cause) -> float:
 
 def _refits(task: Task, extended: Objective, begin: Side) -> list[Refit]:
     """Return the refit of a cause from the look that promises most; none if it is given up."""
-    cause, fitted = task.near.cause, task.here.best
-    if cause.places:
-        return refit_from_place(task, extended, begin)
-    start = Start(cause, extended, begin.at.values, None, fitted, np.inf, MOST_FROM_AFAR)
+    cause = task.near.cause
+    (name,) = cause.parameters
+    if begin.is_corrected or cause.places or task.objective.model.simulated(name):
+        return refit_from_look(task, extended, begin)
+    values, fitted = begin.at.values, task.here.best
+    start = Start(cause, extended, values, None, fitted, np.inf, MOST_FROM_AFAR)
     return refit_from([start], Executor(1, 1))
 
 

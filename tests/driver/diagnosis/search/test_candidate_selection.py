@@ -8,6 +8,8 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
+from driver.diagnosis.answer.result_types import Refit
+from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.search import candidate_selection
 from driver.diagnosis.search.candidate_selection import (
     LARGE,
@@ -18,6 +20,7 @@ from driver.diagnosis.search.candidate_selection import (
 from driver.diagnosis.search.refit import Executor
 from driver.diagnosis.statistics.score_test import Score, effects_of, score
 from driver.diagnosis.statistics.screening import screened
+from driver.identification.correction import Correction
 from tools import closed_form
 from tools.closed_form_diagnosis import identified, large_effect
 
@@ -61,6 +64,10 @@ def test_a_significant_cause_without_evidence_opens_the_door_for_no_other() -> N
 CREW = Executor(1, 1)
 
 
+def under_its_own_correction(refit: Refit, cause: Cause) -> Refit:
+    return replace(refit, cause=cause, objective=replace(refit.objective, correction=Correction()))
+
+
 def test_from_a_baseline_that_is_lost_no_refit_begins() -> None:
     """Its own next step is hundreds of σ long."""
     objective, baseline, augmented, tried = large_effect("stretch_curvature", 0.5)
@@ -70,11 +77,11 @@ def test_from_a_baseline_that_is_lost_no_refit_begins() -> None:
     assert found[0].fit.best.chi_load < 1.3 < LARGE < baseline.best.chi_load
 
 
-def test_what_lies_somewhere_is_not_refitted_from_its_null_beside_where_it_shows() -> None:
+def test_what_has_begun_where_it_shows_is_not_refitted_from_its_null() -> None:
     objective, baseline, augmented, tried = large_effect("Q", 60.0)
     (done,) = refits_of_likely(tried[:1], (), augmented, baseline.best, objective, 1, CREW)
-    placed = replace(tried[0], cause=replace(tried[0].cause, places=(-0.5, 0.5)))
-    of_place = replace(done, cause=placed.cause)
+    placed = replace(tried[0], cause=replace(tried[0].cause, name="band"))
+    of_place = under_its_own_correction(done, placed.cause)
     with patch.object(candidate_selection, "refit_causes", return_value=[]) as begun:
         found = refits_of_likely([placed], [of_place], augmented, baseline.best, objective, 1, CREW)
         assert begun.call_args_list[0].args[0] == [] and found == [of_place]
@@ -83,26 +90,24 @@ def test_what_lies_somewhere_is_not_refitted_from_its_null_beside_where_it_shows
         assert begun.call_args_list[0].args[0] == [placed]
 
 
-def test_others_are_chosen_as_if_what_lies_somewhere_had_not_been_refitted() -> None:
+def test_others_are_chosen_as_if_what_has_begun_where_it_shows_had_not_been_refitted() -> None:
     """Its evidence is that of a refit under its own correction, theirs is of first order."""
     objective, baseline, augmented, tried = large_effect("Q", 60.0)
     (done,) = refits_of_likely(tried[:1], (), augmented, baseline.best, objective, 1, CREW)
-    placed = replace(
-        tried[0], cause=replace(tried[0].cause, name="band", places=(-0.5, 0.5)), log_evidence=1e4
-    )
-    of_place = replace(done, cause=placed.cause)
+    placed = replace(tried[0], cause=replace(tried[0].cause, name="band"), log_evidence=1e4)
+    of_place = under_its_own_correction(done, placed.cause)
     with patch.object(candidate_selection, "refit_causes", return_value=[]) as begun:
         refits_of_likely([placed, *tried], [of_place], augmented, baseline.best, objective, 2, CREW)
         assert begun.call_args_list[0].args[0] == to_refit(tried, 2)
 
 
-def test_what_lies_somewhere_and_is_not_seen_is_not_added() -> None:
+def test_what_has_begun_where_it_shows_and_is_not_seen_is_not_added() -> None:
     objective, baseline, augmented, tried = large_effect("Q", 60.0)
     (done,) = refits_of_likely(tried[:1], (), augmented, baseline.best, objective, 1, CREW)
-    unseen = replace(tried[0], cause=replace(tried[0].cause, places=(-0.5, 0.5)), p=0.01)
+    unseen = replace(tried[0], cause=replace(tried[0].cause, name="band"), p=0.01)
     calm = replace(baseline.best, n_load=0)
     with patch.object(candidate_selection, "refit_causes", return_value=[]):
-        of_place = [replace(done, cause=unseen.cause)]
+        of_place = [under_its_own_correction(done, unseen.cause)]
         assert refits_of_likely([unseen], of_place, augmented, calm, objective, 1, CREW) == []
 
 

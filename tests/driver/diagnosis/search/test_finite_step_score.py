@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +12,12 @@ import pytest
 from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import LIBRARY
-from driver.diagnosis.search import finite_step_score, looks
+from driver.diagnosis.search import corrected_looks, finite_step_score, looks
 from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
+from driver.diagnosis.search.corrected_looks import refit_from_look
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.finite_step_score import finite_step_scores
-from driver.diagnosis.search.refit import Executor, Start, refit_from
+from driver.diagnosis.search.refit import Executor
 from driver.diagnosis.search.selection_round import examine
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score
 from driver.experiment.history import History, turning_points
@@ -66,6 +67,18 @@ class Bent(ClosedFormSolver):
         return super().answer(replace(simulation, material=m))
 
 
+class Coarse(Bent):
+    """The same whose cells make two thirds of a large one, until they are finer."""
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        m = simulation.material
+        return super().answer(
+            simulation
+            if self.finer
+            else replace(simulation, material=replace(m, a1=m.a1 / (1.0 + 2.0 * m.a1**2)))
+        )
+
+
 class Brittle(Bent):
     """The same where a large one has no solution."""
 
@@ -83,6 +96,11 @@ def examined(truth: float, solver: type[Bent] = Bent, seed: int = 0) -> Examined
 def not_hiding(score: Score) -> Score:
     """Of a cause that bends, and that does not hide from all others."""
     return replace(score, cause=replace(score.cause, check_always=False))
+
+
+def as_they_were_seen(task: object, extended: object, sides: Any, told_by: str) -> Any:
+    """In place of `seen_corrected`, where no finer mesh can be simulated."""
+    return sides
 
 
 @pytest.fixture(scope="module")
@@ -103,12 +121,34 @@ def test_an_effect_that_its_derivative_does_not_show_is_found_from_afar(hidden: 
     assert refit.log_evidence == far.log_evidence > 5.0
 
 
+def test_an_effect_that_cells_make_smaller_is_found_under_the_correction_where_it_stands() -> None:
+    """The correction at the fit, with its derivative, knows nothing of it."""
+    hidden = examined(TRUTH, Coarse)
+    (refit,) = look(hidden).refits
+    sigma = refit.fit.sigma("a1", hidden.objective.parameters)
+    assert abs(refit.fit.values["a1"] - TRUTH) < sigma
+
+
+def test_a_side_that_is_seen_under_its_own_correction_is_refitted_however_near_it_ends(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the correction at the fit the derivative at the null shows another size."""
+
+    def near(refit: Refit, side: Score, task: object) -> Score:
+        return replace(side, estimate=np.array([0.9]), log_evidence=refit.log_evidence)
+
+    monkeypatch.setattr(finite_step_score, "_gained", near)
+    assert [refit.cause.name for refit in look(hidden).refits] == ["non_schmid"]
+    monkeypatch.setattr(finite_step_score, "seen_corrected", as_they_were_seen)
+    assert not look(hidden).refits
+
+
 def test_the_end_of_a_refit_gains_more_than_the_sides_show(
     hidden: Examined, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The effect goes on bending beyond three prior scales."""
     end = score_of(look(hidden).scores, "non_schmid")
-    monkeypatch.setattr(finite_step_score, "refit_from", lambda tasks, executor: [])
+    monkeypatch.setattr(finite_step_score, "refit_from_look", lambda *_: [])
     side = score_of(look(hidden).scores, "non_schmid")
     assert end.statistic > side.statistic + 5.0
     assert side.estimate[0] == pytest.approx(6.5, abs=1.0)  # by the secant to three scales
@@ -122,6 +162,7 @@ def test_what_a_side_promises_and_a_refit_does_not_keep_does_not_count(
         return replace(side, estimate=np.zeros(1), log_evidence=-1.0)
 
     monkeypatch.setattr(finite_step_score, "_gained", gone)
+    monkeypatch.setattr(finite_step_score, "seen_corrected", as_they_were_seen)
     found, near = look(hidden), score_of(hidden.scores, "non_schmid")
     assert not found.refits
     assert score_of(found.scores, "non_schmid").log_evidence == near.log_evidence
@@ -130,10 +171,10 @@ def test_what_a_side_promises_and_a_refit_does_not_keep_does_not_count(
 def test_a_refit_that_is_worth_nothing_does_not_join_the_others(
     hidden: Examined, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def little(tasks: Sequence[Start], executor: Executor) -> list[Refit]:
-        return [replace(refit, log_evidence=0.9 * WORTH) for refit in refit_from(tasks, executor)]
+    def little(*begun: Any) -> list[Refit]:
+        return [replace(refit, log_evidence=0.9 * WORTH) for refit in refit_from_look(*begun)]
 
-    monkeypatch.setattr(finite_step_score, "refit_from", little)
+    monkeypatch.setattr(finite_step_score, "refit_from_look", little)
     found, near = look(hidden), score_of(hidden.scores, "non_schmid")
     assert not found.refits
     assert score_of(found.scores, "non_schmid").statistic == near.statistic
@@ -150,18 +191,18 @@ def test_a_cause_that_does_not_hide_is_looked_at_where_something_is_wrong_alone(
     assert score_of(look(with_scores(at, seen)).scores, "non_schmid").p < NAMING_LEVEL
 
 
-def test_a_bent_cause_that_its_derivative_shows_is_looked_at_unless_it_leads(
-    hidden: Examined,
+@pytest.mark.parametrize("hides", [True, False])
+def test_a_bent_cause_that_its_derivative_shows_is_looked_at_though_it_leads(
+    hidden: Examined, hides: bool
 ) -> None:
-    """Its derivative shows a part of it, by which another cause may come first."""
-    near = not_hiding(score_of(hidden.scores, "non_schmid"))
-    near = replace(near, p=1e-4, log_evidence=5.0)
+    """Its derivative shows a part of it, from which a refit may end in a valley of its own."""
+    near = score_of(hidden.scores, "non_schmid")
+    near = replace(near if hides else not_hiding(near), p=1e-4, log_evidence=5.0)
     first = replace(score_of(hidden.scores, "cold_work"), p=1e-6, log_evidence=9.0)
-    found = look(with_scores(hidden, near, first))
-    assert found.scores[0].cause == near.cause and found.scores[0].log_evidence > 9.0
-    assert score_of(look(with_scores(hidden, near)).scores, "non_schmid") is near
-    chance = replace(near, p=0.9, log_evidence=5.0)
-    assert look(with_scores(hidden, chance), accepted=False).refits
+    for at in (with_scores(hidden, near, first), with_scores(hidden, near)):
+        found = look(at)
+        assert found.scores[0].cause == near.cause and found.scores[0].log_evidence > 9.0
+        assert [refit.cause for refit in found.refits] == [near.cause]
 
 
 def test_a_cause_that_hides_and_is_seen_from_afar_has_the_others_looked_at(
@@ -180,7 +221,7 @@ def test_a_side_that_promises_little_beside_what_is_known_is_scored_and_not_refi
     hidden: Examined, monkeypatch: pytest.MonkeyPatch, times: float, refits: int
 ) -> None:
     with monkeypatch.context() as without:
-        without.setattr(finite_step_score, "refit_from", lambda starts, executor: [])
+        without.setattr(finite_step_score, "refit_from_look", lambda *_: [])
         side = score_of(look(hidden).scores, "non_schmid")
     known = replace(score_of(hidden.scores, "cold_work"), log_evidence=times * side.log_evidence)
     found = look(with_scores(hidden, known))
@@ -202,6 +243,7 @@ def test_a_side_that_puts_a_cause_where_its_derivative_holds_promises_nothing(
         return replace(side, score=known)
 
     monkeypatch.setattr(finite_step_score, "seen_at", at_0_4)
+    monkeypatch.setattr(corrected_looks, "seen_at", at_0_4)
     found = look(hidden)
     assert len(found.refits) == refits
     assert (score_of(found.scores, "non_schmid").statistic == near.statistic) == (refits == 0)

@@ -13,6 +13,7 @@ from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search import (
     candidate_correction,
+    corrected_looks,
     finite_step_score,
     looks,
     looks_in_places,
@@ -127,7 +128,7 @@ def test_the_two_places_that_promise_most_are_seen_under_the_correction_there(
         seen.append(values["tau0_grain2_band_middle"])
         return made(model, finer, at, values, **rest)
 
-    monkeypatch.setattr(looks_in_places, "correction", corrected)
+    monkeypatch.setattr(corrected_looks, "correction", corrected)
     sides = looks_in_places.looks_in_places(task, with_prior(hidden.objective, near.cause))
     assert sum(looks.promises(side) for side in sides) > 2
     best = sorted(sides, key=lambda side: -side.score.statistic)[:2]
@@ -152,7 +153,7 @@ def test_a_refit_begins_where_a_place_was_seen_under_its_own_correction(
         return []
 
     monkeypatch.setattr(finite_step_score, "looks_in_places", with_one_more)
-    monkeypatch.setattr(finite_step_score, "refit_from_place", begin)
+    monkeypatch.setattr(finite_step_score, "refit_from_look", begin)
     look(hidden, accepted=False)
     assert [side.is_corrected for side in begun] == [True]
 
@@ -170,7 +171,7 @@ def test_a_correction_that_fails_leaves_what_was_seen_and_fitted_before(
             return Failure("no solution")
         return corrected(refit, *rest)
 
-    monkeypatch.setattr(looks_in_places, "corrected_refit", fails)
+    monkeypatch.setattr(corrected_looks, "corrected_refit", fails)
     with collected_lines() as lines:
         found = look(hidden, accepted=False)
     assert any("no further correction, for that failed (no solution)" in line for line in lines)
@@ -187,7 +188,7 @@ def test_a_place_that_cannot_be_simulated_finer_counts_as_the_working_mesh_shows
         raise SolverError("no solution")
 
     hidden = with_band(-0.3)
-    monkeypatch.setattr(looks_in_places, "correction", fails)
+    monkeypatch.setattr(corrected_looks, "correction", fails)
     with collected_lines() as lines:
         (refit,) = look(hidden, accepted=False).refits
     assert sum("cannot be simulated finer (no solution)" in line for line in lines) > 0

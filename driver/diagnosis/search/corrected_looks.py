@@ -1,0 +1,107 @@
+"""Looks under the correction where a cause stands, and refits that begin there.
+
+The derivatives of the correction at the fit hold near the fit. Of a contrast of four prior scales
+they made a wrong valley: the fit ended at a sixth of it, from wherever it began. So what promises
+something is seen again under the correction taken there, and the refit from there is made under
+that, then under those at its ends until its evidence settles.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from driver.common.outcomes import Failure, attempt
+from driver.common.parallel import side_by_side
+from driver.diagnosis.answer.result_types import Refit
+from driver.diagnosis.search.candidate_correction import corrected_refit, under
+from driver.diagnosis.search.looks import Side, Task, seen_at
+from driver.diagnosis.search.refit import MOST_FROM_AFAR, freed_with, refit_line, refit_of
+from driver.identification.correction import Correction, correction
+from driver.identification.fit import Fit
+from driver.identification.objective import Evaluation, Objective
+
+logger = logging.getLogger(__name__)
+
+_FARTHEST = 7.0
+"""Prior scales with which the refit of a band begins at most: of τ₀ a factor of two."""
+_MOST_CORRECTIONS = 4
+_SETTLED = 1.0  # change of the log evidence by the last of them
+
+
+def seen_corrected(
+    task: Task, extended: Objective, sides: Sequence[Side], told_by: str
+) -> list[Side]:
+    """Return looks at a cause as they are under the correction taken at each.
+
+    One that cannot be simulated on the finer mesh stays as it was seen.
+
+    Args:
+        task: the cause.
+        extended: the objective with its prior.
+        sides: what was seen of it.
+        told_by: the parameter by which they are told apart.
+    """
+    model = extended.warm_started_from(task.here.best).model
+
+    def corrected(at: Evaluation) -> Correction | Failure:
+        return attempt(
+            lambda: correction(
+                model, task.finer, at.prediction, at.values, near=extended.correction
+            )
+        )
+
+    seen = []
+    changes = side_by_side(corrected, [side.at for side in sides], 1)
+    for side, change in zip(sides, changes, strict=True):
+        if isinstance(change, Failure):
+            told = f"{told_by} = {side.at.values[told_by]:.3g} cannot be simulated finer"
+            logger.info(f"  {told} ({change.why})")
+            seen.append(side)
+            continue
+        at = under(change, extended).compare(side.at.prediction, side.at.values, ())
+        seen.append(replace(seen_at(task, at, side.amount), is_corrected=True))
+    return seen
+
+
+def refit_from_look(task: Task, extended: Objective, begin: Side) -> list[Refit]:
+    """Return the refit of a cause from where it was looked at; none if it is given up.
+
+    It is made under the correction where it begins, then under those at its ends until the evidence
+    settles, or as far as these can be simulated.
+
+    Args:
+        task: the cause.
+        extended: the objective with its prior.
+        begin: where it begins.
+    """
+    cause, fitted = task.near.cause, task.here.best
+    # The size is what the change bears, of a band of either sign; what bends was seen no farther.
+    (name,) = cause.parameters
+    most = _FARTHEST if cause.places else abs(begin.amount)
+    size = np.clip(begin.score.estimate[0], -most, most) * extended.parameters[name].width
+    values = begin.at.values | {
+        name: extended.parameters[name].value(float(size), extended.prior[name][0])
+    }
+    free, beside = freed_with(fitted, cause), extended.warm_started_from(fitted)
+    first = attempt(lambda: beside.evaluate(values, free))
+    if isinstance(first, Failure):
+        logger.info(f"  {cause.name}: given up, for it cannot be simulated ({first.why})")
+        return []
+    here = refit_of(cause, extended, Fit(first, False, "where it was looked at", ()), fitted)
+    done: list[Refit] = []
+    for _ in range(_MOST_CORRECTIONS):
+        after = corrected_refit(here, task.finer, fitted, MOST_FROM_AFAR)
+        if isinstance(after, Failure):
+            logger.info(f"  {cause.name}: no further correction, for that failed ({after.why})")
+            break
+        settled = bool(done) and abs(after.log_evidence - here.log_evidence) < _SETTLED
+        here, done = after, [after]
+        if settled:
+            break
+    for refit in done:
+        logger.info(refit_line(refit))
+    return done
