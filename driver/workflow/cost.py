@@ -19,7 +19,8 @@ from solver_adapters.interface import Capabilities
 # Simulations of a run: the Gauss–Newton iterations of stages B and C, and with images of A, use
 # this share of their limit each. Each refit of a cause needs this many; the sides and places from
 # which causes are looked at from afar are simulated without derivatives, in about two rounds. A
-# finer mesh is run this often where something is found, and once for the places that promise most.
+# finer mesh is run this often where something is found, and once for the places that promise most
+# and for the side of each cause that bends.
 _ITERATION_SHARE = 0.5
 _PER_REFIT = 6
 _SIDES = 2
@@ -89,7 +90,7 @@ def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> C
     exact = not solver.runs_per_direction
     told = (directions, directions, directions + causes) if exact and case.with_images else ()
 
-    runs = (*told, *(0,) * (_FINE_RUNS + _finer_places(case) - len(told)))
+    runs = (*told, *(0,) * (_FINE_RUNS + _finer_looks(case) - len(told)))
     size = case.specimen.fine_mesh_size
     fine, second = correction_seconds(case, solver, n_cells, n_images, size, runs), 0.0
     first = correction_seconds(case, solver, n_cells, n_images, size, runs[:_CORRECTIONS])
@@ -200,9 +201,10 @@ def _places(case: Case) -> int:
     return sum(len(cause.places) for cause in _of_library(case))
 
 
-def _finer_places(case: Case) -> int:
-    """How many places of causes a finer mesh is run for."""
-    return sum(min(len(cause.places), SEEN_FINER) for cause in _of_library(case))
+def _finer_looks(case: Case) -> int:
+    """How many looks at causes a finer mesh is run for: what is read otherwise needs none."""
+    bent = [c for c in _of_library(case) if c.strongly_nonlinear and not c.kinked]
+    return len(bent) + sum(min(len(c.places), SEEN_FINER) for c in _of_library(case))
 
 
 def _looks(case: Case) -> int:

@@ -13,6 +13,7 @@ from driver.case.model import load_case, write_case
 from driver.diagnosis.causes.all_causes import NAMES
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.experiment.image_sizes import StackSize, stack_size
+from driver.forward.cost import steps_seconds
 from driver.identification.correction_cost import correction_seconds
 from driver.workflow import cost
 from driver.workflow.cost import Cost, estimate, identified_images, measuring_memory
@@ -153,6 +154,27 @@ def test_the_second_mesh_is_simulated_half_a_dozen_times(monkeypatch: pytest.Mon
     assert costs[1].seconds - costs[0].seconds == pytest.approx(large - small)
     # One process alone holds it, too.
     assert costs[1].memory > 1.2 * costs[0].memory
+
+
+@pytest.mark.parametrize(
+    ("cause", "sides_and_places", "finer"),
+    [("boundary_bow", 2, 1), ("band_grain2", 4, 2), ("load_lag", 2, 0), ("cold_work", 0, 0)],
+)
+def test_looks_that_promise_most_are_simulated_finer(
+    cause: str, sides_and_places: int, finer: int
+) -> None:
+    case, solver = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
+    size = 0.5 * case.specimen.mesh_size
+
+    def seconds(*causes: str) -> float:
+        asked = {"diagnosis": {"causes": causes, "refit": 1}, "execution": {"processes": 1}}
+        return with_tables(specimen={"fine_mesh_size_um": size}, **asked).seconds
+
+    intervals = 2 * 97 * case.solver.steps_per_interval
+    look = steps_seconds(case, solver, 264, intervals, 0)
+    one = correction_seconds(case, solver, 264, 97, size, (0,))
+    more = seconds("cold_work", cause) - seconds("cold_work", "height_scale")
+    assert more == pytest.approx(2 * sides_and_places * look + finer * one)
 
 
 def test_each_refit_keeps_its_derivatives_at_the_pixels_of_the_face() -> None:

@@ -1,0 +1,113 @@
+"""A cause is seen under the correction where it stands, and its refit begins and ends there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from driver.common.outcomes import Failure
+from driver.common.progress import collected_lines
+from driver.diagnosis.answer.result_types import Refit
+from driver.diagnosis.search import corrected_looks
+from driver.diagnosis.search.corrected_looks import refit_from_look, seen_corrected
+from driver.diagnosis.search.looks import Side, Task, seen_at
+from driver.diagnosis.search.refit import with_prior
+from driver.identification.correction import Correction
+from driver.identification.objective import Objective
+from meshes.arrays import FloatArray
+from solver_adapters.interface import Simulation, SolverError
+from tests.driver.diagnosis.search.examined import Examined, finer_of, score_of, scored
+from tools.closed_form import ClosedFormSolver
+
+TRUTH = 0.6  # six prior scales of a contrast
+
+
+class Coarse(ClosedFormSolver):
+    """A solver whose cells make less of a contrast the larger it is, until they are finer."""
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        m = simulation.material
+        if not self.finer:
+            amount = float(np.log(m.tau0_grain2))
+            m = replace(m, tau0_grain2=float(np.exp(amount / (1.0 + 4.0 * amount**2))))
+        return super().answer(replace(simulation, material=m))
+
+
+@pytest.fixture(scope="module")
+def hidden() -> Examined:
+    return scored({"tau0_grain2": float(np.exp(TRUTH))}, ("grain_contrast", "cold_work"), Coarse)
+
+
+def begun(hidden: Examined) -> tuple[Task, Objective, Side]:
+    """A look three prior scales off the null, as the working mesh shows it."""
+    near = score_of(hidden.scores, "grain_contrast")
+    task = Task(near, hidden.fit, hidden.objective, finer_of(hidden), 10, 1.0, 1.0)
+    extended = with_prior(hidden.objective, near.cause)
+    values = hidden.fit.values | {"tau0_grain2": float(np.exp(0.3))}
+    at = extended.compare(extended.model.predict(values), values, ())
+    return task, extended, seen_at(task, at, 3.0)
+
+
+def test_what_cells_make_smaller_is_seen_as_large_as_it_is(hidden: Examined) -> None:
+    task, extended, raw = begun(hidden)
+    (side,) = seen_corrected(task, extended, [raw], "tau0_grain2")
+    assert side.is_corrected and side.amount == raw.amount
+    # Of 0.3 the cells make 0.22.
+    assert side.score.estimate / raw.score.estimate == pytest.approx(0.22 / 0.3, abs=0.05)
+
+
+def test_a_refit_ends_where_the_finer_model_would(hidden: Examined) -> None:
+    """The cells make no more than 0.25 of any contrast: none of theirs is that of the data."""
+    task, extended, raw = begun(hidden)
+    (refit,) = refit_from_look(task, extended, raw)
+    found = float(np.log(refit.fit.values["tau0_grain2"]))
+    assert found == pytest.approx(TRUTH, abs=0.05)
+    assert refit.objective.correction is not extended.correction
+
+
+def test_a_refit_of_what_bends_begins_no_farther_than_it_was_seen(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A secant may promise ten prior scales, where no simulation ends."""
+    task, extended, raw = begun(hidden)
+    starts: list[float] = []
+
+    def note(refit: Refit, *rest: Any) -> Failure:
+        starts.append(float(np.log(refit.fit.values["tau0_grain2"])))
+        return Failure("no more is asked")
+
+    monkeypatch.setattr(corrected_looks, "corrected_refit", note)
+    for estimate in (10.0, 2.0):
+        side = replace(raw, score=replace(raw.score, estimate=np.array([estimate])))
+        assert refit_from_look(task, extended, side) == []
+    assert starts == pytest.approx([0.3, 0.2])
+
+
+def test_a_look_that_cannot_be_simulated_finer_stays_as_it_was_seen(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: Any, **__: Any) -> Correction:
+        raise SolverError("no solution")
+
+    task, extended, raw = begun(hidden)
+    monkeypatch.setattr(corrected_looks, "correction", fails)
+    with collected_lines() as lines:
+        assert seen_corrected(task, extended, [raw], "tau0_grain2") == [raw]
+    assert lines == ["  tau0_grain2 = 1.35 cannot be simulated finer (no solution)"]
+
+
+def test_a_start_that_cannot_be_simulated_is_told_and_given_up(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    task, extended, raw = begun(hidden)
+
+    def fails(*_: Any, **__: Any) -> None:
+        raise SolverError("no solution")
+
+    monkeypatch.setattr(Objective, "evaluate", fails)
+    with collected_lines() as lines:
+        assert refit_from_look(task, extended, raw) == []
+    assert lines == ["  grain_contrast: given up, for it cannot be simulated (no solution)"]
