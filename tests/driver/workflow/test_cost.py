@@ -167,8 +167,11 @@ def test_looks_that_promise_most_are_simulated_finer(
     size = 0.5 * case.specimen.mesh_size
 
     def seconds(*causes: str) -> float:
-        asked = {"diagnosis": {"causes": causes, "refit": 1}, "execution": {"processes": 1}}
-        return with_tables(specimen={"fine_mesh_size_um": size}, **asked).seconds
+        return with_tables(
+            diagnosis={"causes": causes, "refit": 1},
+            execution={"processes": 1},
+            specimen={"fine_mesh_size_um": size},
+        ).seconds
 
     intervals = 2 * 97 * case.solver.steps_per_interval
     look = steps_seconds(case, solver, 264, intervals, 0)
