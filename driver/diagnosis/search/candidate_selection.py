@@ -62,8 +62,10 @@ def refits_of_likely(
         if chosen:
             logger.info(f"refitting {_listed(chosen)}")
         refits = refit_causes(chosen, screening, baseline, objective, executor)
-        shown = [s.cause for s in tried if s.cause in apart and s.p < NAMING_LEVEL]
-        counted = [*shown, *(s.cause for s in chosen)]
+        # Beside each other they are likely as all others are.
+        beside = to_refit(tried, most)
+        shown = [s for s in tried if s.cause in apart and (s.p < NAMING_LEVEL or s in beside)]
+        counted = [s.cause for s in (*shown, *chosen)]
         best = best_of_each([*refits, *(r for r in afar if r.cause in counted)])
     if large and tried and not _explained(baseline, best):
         soft = refit_by_noise_continuation(

@@ -111,6 +111,24 @@ def test_what_has_begun_where_it_shows_and_is_not_seen_is_not_added() -> None:
         assert refits_of_likely([unseen], of_place, augmented, calm, objective, 1, CREW) == []
 
 
+def test_what_has_begun_where_it_shows_and_is_akin_to_what_is_seen_stands_beside_it() -> None:
+    """Of two that do the same noise makes one significant, and the answer is a set of both."""
+    objective, baseline, augmented, tried = large_effect("Q", 60.0)
+    (done,) = refits_of_likely(tried[:1], (), augmented, baseline.best, objective, 1, CREW)
+    calm = replace(baseline.best, n_load=0)
+    causes = [replace(tried[0].cause, name=name) for name in ("seen", "akin", "strange")]
+    across = np.zeros_like(tried[0].directions)
+    scores = [
+        replace(tried[0], cause=cause, p=p, log_evidence=evidence)
+        for cause, p, evidence in zip(causes, (1e-4, 0.01, 0.01), (9.0, 8.0, 7.0), strict=True)
+    ]
+    scores[2] = replace(scores[2], directions=across)
+    afar = [under_its_own_correction(done, cause) for cause in causes]
+    with patch.object(candidate_selection, "refit_causes", return_value=[]):
+        found = refits_of_likely(scores, afar, augmented, calm, objective, 5, CREW)
+    assert {refit.cause.name for refit in found} == {"seen", "akin"}
+
+
 def test_a_large_effect_that_refits_from_the_baseline_explain_needs_no_soft_loads() -> None:
     objective, baseline, augmented, tried = large_effect("Q", 60.0)
     assert baseline.best.chi_load > LARGE
