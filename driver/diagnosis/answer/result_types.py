@@ -233,6 +233,7 @@ class Refit:
         log_evidence: natural log of the Bayes factor against the baseline, and of the prior odds
             of the cause.
         levels: of a covariance cause its level and the standard deviation of it by name.
+        has_own_correction: whether it was fitted under the correction where it stands.
     """
 
     cause: Cause
@@ -240,6 +241,7 @@ class Refit:
     fit: Fit
     log_evidence: float
     levels: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    has_own_correction: bool = False
 
     @property
     def own_misfit(self) -> float:

@@ -233,7 +233,8 @@ def _corrected(task: _Task) -> _End | Failure:
 
 def _at_its_end(refit: Refit, end: _End, baseline: Evaluation) -> Refit:
     """Return the refit that a process has corrected."""
-    return refit_of(refit.cause, _under(end.change, refit), end.fit, baseline)
+    corrected = refit_of(refit.cause, _under(end.change, refit), end.fit, baseline)
+    return replace(corrected, has_own_correction=True)
 
 
 def _under(change: Correction, refit: Refit) -> Objective:

@@ -52,8 +52,11 @@ def refits_of_likely(
     tried = [s for s in scores if s.cause not in (NUMERICS, *COVARIANCE) and s.degrees]
     # What has begun where it shows has a correction of its own, by which others are not to be
     # measured; and of what lies somewhere, or bends, its null says nothing.
-    apart = {r.cause for r in afar if r.objective.correction is not objective.correction}
-    chosen = to_refit([s for s in tried if s.cause not in apart], most)
+    apart = {refit.cause for refit in afar if refit.has_own_correction}
+    others = [s for s in tried if s.cause not in apart]
+    # Beside each other they are likely as all are, and vouch for what is akin to them.
+    beside, without = to_refit(tried, most), to_refit(others, most)
+    chosen = [s for s in others if s in beside or s in without]
     large = baseline.chi_load > LARGE
     # Where the baseline itself has come to no end no derivative holds.
     lost = large and newton(objective, baseline)[1] > LOST
@@ -62,8 +65,6 @@ def refits_of_likely(
         if chosen:
             logger.info(f"refitting {_listed(chosen)}")
         refits = refit_causes(chosen, screening, baseline, objective, executor)
-        # Beside each other they are likely as all others are.
-        beside = to_refit(tried, most)
         shown = [s for s in tried if s.cause in apart and (s.p < NAMING_LEVEL or s in beside)]
         counted = [s.cause for s in (*shown, *chosen)]
         best = best_of_each([*refits, *(r for r in afar if r.cause in counted)])
@@ -89,8 +90,9 @@ def refits_of_likely(
         others = [s for s in likely if s.cause not in known]
         if others:
             logger.info(f"the best is another one than its score: refitting {_listed(others)}")
-            more = refit_causes(others, screening, baseline, objective, executor)
-            best = best_of_each([*best, *afar, *more])
+        more = refit_causes(others, screening, baseline, objective, executor)
+        looked = (refit for refit in afar if refit.cause in {s.cause for s in likely})
+        best = best_of_each([*best, *looked, *more])
     if not best:
         return []
     stalled = {r.cause.name for r in best if is_far_from_its_end(r)}

@@ -189,8 +189,10 @@ def _best_score(task: Task) -> tuple[Score, list[Refit]]:
             # What the sides promise the refit has tried.
             scores = [near]
             # Where the correction is the cause's own, its derivative at the null never held.
-            is_far = begin.is_corrected or abs(end.estimate[0]) > _least_amount(near.cause)
-            if is_far and refit.log_evidence > WORTH:
+            least = _least_amount(near.cause)
+            if refit.has_own_correction:
+                least = min(least, _SURE * end.sigma[0])
+            if abs(end.estimate[0]) > least and refit.log_evidence > WORTH:
                 refits.append(refit)
                 scores.append(end)
     best = max(scores, key=lambda s: s.log_evidence)
@@ -249,11 +251,16 @@ def _least_amount(cause: Cause) -> float:
 
 
 def _refits(task: Task, extended: Objective, begin: Side) -> list[Refit]:
-    """Return the refit of a cause from the look that promises most; none if it is given up."""
+    """Return the refit of a cause from the look that promises most; none if it is given up.
+
+    Where it cannot be corrected what bends is fitted under the correction at the fit.
+    """
     cause = task.near.cause
     (name,) = cause.parameters
-    if begin.is_corrected or cause.places or task.objective.model.simulated(name):
-        return refit_from_look(task, extended, begin)
+    if task.objective.model.simulated(name):
+        refits = refit_from_look(task, extended, begin)
+        if refits or cause.places:
+            return refits
     values, fitted = begin.at.values, task.here.best
     start = Start(cause, extended, values, None, fitted, np.inf, MOST_FROM_AFAR)
     return refit_from([start], Executor(1, 1))

@@ -20,7 +20,6 @@ from driver.diagnosis.search.candidate_selection import (
 from driver.diagnosis.search.refit import Executor
 from driver.diagnosis.statistics.score_test import Score, effects_of, score
 from driver.diagnosis.statistics.screening import screened
-from driver.identification.correction import Correction
 from tools import closed_form
 from tools.closed_form_diagnosis import identified, large_effect
 
@@ -65,7 +64,7 @@ CREW = Executor(1, 1)
 
 
 def under_its_own_correction(refit: Refit, cause: Cause) -> Refit:
-    return replace(refit, cause=cause, objective=replace(refit.objective, correction=Correction()))
+    return replace(refit, cause=cause, has_own_correction=True)
 
 
 def test_from_a_baseline_that_is_lost_no_refit_begins() -> None:
@@ -111,11 +110,14 @@ def test_what_has_begun_where_it_shows_and_is_not_seen_is_not_added() -> None:
         assert refits_of_likely([unseen], of_place, augmented, calm, objective, 1, CREW) == []
 
 
-def test_what_has_begun_where_it_shows_and_is_akin_to_what_is_seen_stands_beside_it() -> None:
+def test_what_has_begun_where_it_shows_and_is_akin_to_what_is_seen_stands_beside_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Of two that do the same noise makes one significant, and the answer is a set of both."""
     objective, baseline, augmented, tried = large_effect("Q", 60.0)
     (done,) = refits_of_likely(tried[:1], (), augmented, baseline.best, objective, 1, CREW)
     calm = replace(baseline.best, n_load=0)
+    monkeypatch.setattr(candidate_selection, "_bent", lambda *_: False)
     causes = [replace(tried[0].cause, name=name) for name in ("seen", "akin", "strange")]
     across = np.zeros_like(tried[0].directions)
     scores = [
@@ -124,9 +126,12 @@ def test_what_has_begun_where_it_shows_and_is_akin_to_what_is_seen_stands_beside
     ]
     scores[2] = replace(scores[2], directions=across)
     afar = [under_its_own_correction(done, cause) for cause in causes]
-    with patch.object(candidate_selection, "refit_causes", return_value=[]):
+    with patch.object(candidate_selection, "refit_causes", return_value=[]) as begun:
         found = refits_of_likely(scores, afar, augmented, calm, objective, 5, CREW)
+        # What is akin to it is refitted from its null where it was not looked at.
+        refits_of_likely(scores, afar[:1], augmented, calm, objective, 5, CREW)
     assert {refit.cause.name for refit in found} == {"seen", "akin"}
+    assert begun.call_args_list[-1].args[0] == [scores[1]]
 
 
 def test_a_large_effect_that_refits_from_the_baseline_explain_needs_no_soft_loads() -> None:

@@ -12,7 +12,12 @@ import pytest
 from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import LIBRARY
-from driver.diagnosis.search import corrected_looks, finite_step_score, looks
+from driver.diagnosis.search import (
+    candidate_correction,
+    corrected_looks,
+    finite_step_score,
+    looks,
+)
 from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.corrected_looks import refit_from_look
 from driver.diagnosis.search.fine_models import FineModels
@@ -98,11 +103,6 @@ def not_hiding(score: Score) -> Score:
     return replace(score, cause=replace(score.cause, check_always=False))
 
 
-def as_they_were_seen(task: object, extended: object, sides: Any, told_by: str) -> Any:
-    """In place of `seen_corrected`, where no finer mesh can be simulated."""
-    return sides
-
-
 @pytest.fixture(scope="module")
 def hidden() -> Examined:
     return examined(TRUTH)
@@ -135,12 +135,52 @@ def test_a_side_that_is_seen_under_its_own_correction_is_refitted_however_near_i
     """By the correction at the fit the derivative at the null shows another size."""
 
     def near(refit: Refit, side: Score, task: object) -> Score:
-        return replace(side, estimate=np.array([0.9]), log_evidence=refit.log_evidence)
+        amounts = np.array([0.9]), np.array([0.1])
+        return replace(side, estimate=amounts[0], sigma=amounts[1], log_evidence=refit.log_evidence)
 
     monkeypatch.setattr(finite_step_score, "_gained", near)
     assert [refit.cause.name for refit in look(hidden).refits] == ["non_schmid"]
-    monkeypatch.setattr(finite_step_score, "seen_corrected", as_they_were_seen)
+    monkeypatch.setattr(finite_step_score, "refit_from_look", lambda *_: [])
     assert not look(hidden).refits
+
+
+@pytest.mark.parametrize(("amount", "refits"), [(1.9, 0), (2.1, 1)])
+def test_the_end_of_a_refit_under_its_own_correction_stands_two_sigma_off_its_null(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch, amount: float, refits: int
+) -> None:
+    """Another correction alone may gain, at the null as well."""
+
+    def near(refit: Refit, side: Score, task: object) -> Score:
+        amounts = np.array([0.1 * amount]), np.array([0.1])
+        return replace(side, estimate=amounts[0], sigma=amounts[1])
+
+    monkeypatch.setattr(finite_step_score, "_gained", near)
+    assert len(look(hidden).refits) == refits
+
+
+def test_where_no_finer_mesh_can_be_simulated_the_correction_at_the_fit_does(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: Any, **__: Any) -> Correction:
+        raise SolverError("no solution")
+
+    for module in (corrected_looks, candidate_correction):
+        monkeypatch.setattr(module, "correction", fails)
+    (refit,) = look(hidden).refits
+    assert not refit.has_own_correction
+    assert refit.fit.values["a1"] == pytest.approx(TRUTH, rel=0.1)
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_what_an_instrument_shows_has_no_correction_of_its_own(processes: int) -> None:
+    """Refits come back from other processes as copies."""
+    at = scored({"load_lag": -4.0}, ("load_lag", "cold_work"))
+    near = score_of(at.scores, "load_lag")
+    twin = replace(near, cause=replace(near.cause, name="twin"))
+    at = with_scores(at, twin)
+    crew = Executor(processes, 1)
+    found = finite_step_scores(at.scores, at.fit, at.objective, finer_of(at), 1.0, True, crew)
+    assert [refit.has_own_correction for refit in found.refits] == [False, False]
 
 
 def test_the_end_of_a_refit_gains_more_than_the_sides_show(
@@ -148,7 +188,7 @@ def test_the_end_of_a_refit_gains_more_than_the_sides_show(
 ) -> None:
     """The effect goes on bending beyond three prior scales."""
     end = score_of(look(hidden).scores, "non_schmid")
-    monkeypatch.setattr(finite_step_score, "refit_from_look", lambda *_: [])
+    monkeypatch.setattr(finite_step_score, "_refits", lambda *_: [])
     side = score_of(look(hidden).scores, "non_schmid")
     assert end.statistic > side.statistic + 5.0
     assert side.estimate[0] == pytest.approx(6.5, abs=1.0)  # by the secant to three scales
@@ -162,7 +202,6 @@ def test_what_a_side_promises_and_a_refit_does_not_keep_does_not_count(
         return replace(side, estimate=np.zeros(1), log_evidence=-1.0)
 
     monkeypatch.setattr(finite_step_score, "_gained", gone)
-    monkeypatch.setattr(finite_step_score, "seen_corrected", as_they_were_seen)
     found, near = look(hidden), score_of(hidden.scores, "non_schmid")
     assert not found.refits
     assert score_of(found.scores, "non_schmid").log_evidence == near.log_evidence
@@ -221,7 +260,7 @@ def test_a_side_that_promises_little_beside_what_is_known_is_scored_and_not_refi
     hidden: Examined, monkeypatch: pytest.MonkeyPatch, times: float, refits: int
 ) -> None:
     with monkeypatch.context() as without:
-        without.setattr(finite_step_score, "refit_from_look", lambda *_: [])
+        without.setattr(finite_step_score, "_refits", lambda *_: [])
         side = score_of(look(hidden).scores, "non_schmid")
     known = replace(score_of(hidden.scores, "cold_work"), log_evidence=times * side.log_evidence)
     found = look(with_scores(hidden, known))
