@@ -17,7 +17,7 @@ from driver.diagnosis.answer.verdict import BEGIN_AT_END, BETTER_STARTS, MORE_IT
 from driver.diagnosis.causes.all_causes import EVERY
 from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.causes.ebsd_flips import ACROSS, FLIPS, HALF_TURNS
-from driver.diagnosis.search import diagnose, extension
+from driver.diagnosis.search import diagnose, extension, finite_step_score
 from driver.diagnosis.search.diagnose import to_converge
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.flip_trial import turned
@@ -353,8 +353,12 @@ class ErringWithContrast(closed_form.ClosedFormSolver):
 def test_an_own_error_that_the_correction_taken_anew_holds_refuses_no_verdict(
     lines: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Here an extended model is corrected once, so that its error is another one at its end."""
+    """Here an extended model is corrected once, so that its error is another one at its end.
+
+    Nor has a refit from a look a correction of its own, which would hold that error before.
+    """
     monkeypatch.setattr(extension, "_MOST_CORRECTIONS", 1)
+    monkeypatch.setattr(finite_step_score, "refit_from_look", lambda *_: [])
     working = replace(BENCH.model, adapter=ErringWithContrast())
     made = closed_form.objective(BENCH, BENCH.truth | {"tau0_grain2": 3.0})
     objective, fitted = identified(replace(BENCH, model=working), replace(made, model=working))
