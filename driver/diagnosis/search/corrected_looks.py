@@ -29,6 +29,8 @@ logger = logging.getLogger(__name__)
 _FARTHEST = 7.0
 """Prior scales with which the refit of a band begins at most: of τ₀ a factor of two."""
 _MOST_CORRECTIONS = 4
+_OF_WHAT_BENDS = 2
+"""Corrections of a refit of what bends: it leads or not, and those that lead are corrected on."""
 _SETTLED = 1.0  # change of the log evidence by the last of them
 
 
@@ -93,7 +95,7 @@ def refit_from_look(task: Task, extended: Objective, begin: Side) -> list[Refit]
         return []
     here = refit_of(cause, extended, Fit(first, False, "where it was looked at", ()), fitted)
     done: list[Refit] = []
-    for _ in range(_MOST_CORRECTIONS):
+    for _ in range(_MOST_CORRECTIONS if cause.places else _OF_WHAT_BENDS):
         after = corrected_refit(here, task.finer, fitted, MOST_FROM_AFAR)
         if isinstance(after, Failure):
             logger.info(f"  {cause.name}: no further correction, for that failed ({after.why})")
