@@ -53,10 +53,10 @@ def refits_of_likely(
     # What has begun where it shows has a correction of its own, by which others are not to be
     # measured; and of what lies somewhere, or bends, its null says nothing.
     apart = {refit.cause for refit in afar if refit.has_own_correction}
-    others = [s for s in tried if s.cause not in apart]
+    from_null = [s for s in tried if s.cause not in apart]
     # Beside each other they are likely as all are, and vouch for what is akin to them.
-    beside, without = to_refit(tried, most), to_refit(others, most)
-    chosen = [s for s in others if s in beside or s in without]
+    beside, without = to_refit(tried, most), to_refit(from_null, most)
+    chosen = [s for s in from_null if s in beside or s in without]
     large = baseline.chi_load > LARGE
     # Where the baseline itself has come to no end no derivative holds.
     lost = large and newton(objective, baseline)[1] > LOST

@@ -35,9 +35,9 @@ _SETTLED = 1.0  # change of the log evidence by the last of them
 
 
 def seen_corrected(
-    task: Task, extended: Objective, sides: Sequence[Side], told_by: str
+    task: Task, extended: Objective, sides: Sequence[Side], which: Sequence[int], told_by: str
 ) -> list[Side]:
-    """Return looks at a cause as they are under the correction taken at each.
+    """Return looks at a cause, some of them under the correction taken there.
 
     One that cannot be simulated on the finer mesh stays as it was seen.
 
@@ -45,6 +45,7 @@ def seen_corrected(
         task: the cause.
         extended: the objective with its prior.
         sides: what was seen of it.
+        which: those that are seen again, by their place in the sequence.
         told_by: the parameter by which they are told apart.
     """
     model = extended.warm_started_from(task.here.best).model
@@ -56,21 +57,21 @@ def seen_corrected(
             )
         )
 
-    seen = []
-    changes = side_by_side(corrected, [side.at for side in sides], 1)
-    for side, change in zip(sides, changes, strict=True):
+    seen = list(sides)
+    changes = side_by_side(corrected, [sides[place].at for place in which], 1)
+    for place, change in zip(which, changes, strict=True):
+        side = sides[place]
         if isinstance(change, Failure):
             told = f"{told_by} = {side.at.values[told_by]:.3g} cannot be simulated finer"
             logger.info(f"  {told} ({change.why})")
-            seen.append(side)
             continue
         at = under(change, extended).compare(side.at.prediction, side.at.values, ())
-        seen.append(replace(seen_at(task, at, side.amount), is_corrected=True))
+        seen[place] = replace(seen_at(task, at, side.amount), is_corrected=True)
     return seen
 
 
-def refit_from_look(task: Task, extended: Objective, begin: Side) -> list[Refit]:
-    """Return the refit of a cause from where it was looked at; none if it is given up.
+def refit_from_look(task: Task, extended: Objective, begin: Side) -> Refit | None:
+    """Return the refit of a cause from where it was looked at; None if it is given up.
 
     It is made under the correction where it begins, then under those at its ends until the evidence
     settles, or as far as these can be simulated.
@@ -92,18 +93,18 @@ def refit_from_look(task: Task, extended: Objective, begin: Side) -> list[Refit]
     first = attempt(lambda: beside.evaluate(values, free))
     if isinstance(first, Failure):
         logger.info(f"  {cause.name}: given up, for it cannot be simulated ({first.why})")
-        return []
+        return None
     here = refit_of(cause, extended, Fit(first, False, "where it was looked at", ()), fitted)
-    done: list[Refit] = []
+    done: Refit | None = None
     for _ in range(_MOST_CORRECTIONS if cause.places else _OF_WHAT_BENDS):
         after = corrected_refit(here, task.finer, fitted, MOST_FROM_AFAR)
         if isinstance(after, Failure):
             logger.info(f"  {cause.name}: no further correction, for that failed ({after.why})")
             break
-        settled = bool(done) and abs(after.log_evidence - here.log_evidence) < _SETTLED
-        here, done = after, [after]
+        settled = done is not None and abs(after.log_evidence - here.log_evidence) < _SETTLED
+        here = done = after
         if settled:
             break
-    for refit in done:
-        logger.info(refit_line(refit))
+    if done is not None:
+        logger.info(refit_line(done))
     return done

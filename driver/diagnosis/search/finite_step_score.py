@@ -184,7 +184,8 @@ def _best_score(task: Task) -> tuple[Score, list[Refit]]:
     if worth:
         # What a place shows without its correction is no measure beside what others show with it.
         begin = max(worth, key=lambda one: (one.is_corrected, one.score.statistic))
-        for refit in _refits(task, extended, begin):
+        refit = _refit(task, extended, begin)
+        if refit is not None:
             end = _gained(refit, begin.score, task)
             # What the sides promise the refit has tried.
             scores = [near]
@@ -217,11 +218,8 @@ def _both_sides(task: Task, extended: Objective) -> list[Side]:
     sides = [seen_at(task, at, n) for at, n in _sides(near, task.here, extended) if n]
     if not extended.model.simulated(name):
         return sides
-    again = [_on_its_side(side) and promises(side) for side in sides]
-    corrected = iter(
-        seen_corrected(task, extended, [s for s, it in zip(sides, again, strict=True) if it], name)
-    )
-    return [next(corrected) if it else side for side, it in zip(sides, again, strict=True)]
+    again = [place for place, s in enumerate(sides) if _on_its_side(s) and promises(s)]
+    return seen_corrected(task, extended, sides, again, name)
 
 
 def _on_its_side(side: Side) -> bool:
@@ -250,20 +248,20 @@ def _least_amount(cause: Cause) -> float:
     return 0.0 if cause.kinked or cause.places else FAR[0]
 
 
-def _refits(task: Task, extended: Objective, begin: Side) -> list[Refit]:
-    """Return the refit of a cause from the look that promises most; none if it is given up.
+def _refit(task: Task, extended: Objective, begin: Side) -> Refit | None:
+    """Return the refit of a cause from the look that promises most; None if it is given up.
 
     Where it cannot be corrected what bends is fitted under the correction at the fit.
     """
     cause = task.near.cause
     (name,) = cause.parameters
     if task.objective.model.simulated(name):
-        refits = refit_from_look(task, extended, begin)
-        if refits or cause.places:
-            return refits
+        refit = refit_from_look(task, extended, begin)
+        if refit is not None or cause.places:
+            return refit
     values, fitted = begin.at.values, task.here.best
     start = Start(cause, extended, values, None, fitted, np.inf, MOST_FROM_AFAR)
-    return refit_from([start], Executor(1, 1))
+    return next(iter(refit_from([start], Executor(1, 1))), None)
 
 
 def _gained(refit: Refit, side: Score, task: Task) -> Score:

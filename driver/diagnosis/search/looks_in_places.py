@@ -55,8 +55,4 @@ def looks_in_places(task: Task, extended: Objective) -> list[Side]:
         sides.append(seen_at(task, at, float(amounts_of(cause.parameters, values, extended)[0])))
     promising = [place for place, side in enumerate(sides) if promises(side)]
     again = sorted(promising, key=lambda place: -sides[place].score.statistic)[:SEEN_FINER]
-    for place, side in zip(
-        again, seen_corrected(task, extended, [sides[place] for place in again], where), strict=True
-    ):
-        sides[place] = side
-    return sides
+    return seen_corrected(task, extended, sides, again, where)

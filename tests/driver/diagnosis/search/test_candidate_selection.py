@@ -134,6 +134,45 @@ def test_what_has_begun_where_it_shows_and_is_akin_to_what_is_seen_stands_beside
     assert begun.call_args_list[-1].args[0] == [scores[1]]
 
 
+@pytest.mark.parametrize("bent", [True, False])
+def test_what_has_begun_where_it_shows_neither_begins_elsewhere_nor_measures_others(
+    monkeypatch: pytest.MonkeyPatch, bent: bool
+) -> None:
+    """It has stalled, explains half, and its cost is under another correction."""
+    objective, baseline, augmented, tried = large_effect("Q", 60.0)
+    (done,) = refits_of_likely(tried[:1], (), augmented, baseline.best, objective, 1, CREW)
+    apart = under_its_own_correction(done, replace(done.cause, name="apart"))
+    other = replace(tried[0], cause=replace(done.cause, name="other"), p=1e-4, log_evidence=2.0)
+    unseen = under_its_own_correction(done, replace(done.cause, name="unseen"))
+    scores = [
+        replace(other, cause=apart.cause, log_evidence=9.0),
+        other,
+        replace(
+            other,
+            cause=unseen.cause,
+            p=0.5,
+            log_evidence=1.5,
+            directions=np.zeros_like(other.directions),
+        ),
+    ]
+    here = replace(baseline.best, n_load=0) if bent else baseline.best
+    monkeypatch.setattr(candidate_selection, "_bent", lambda *_: bent)
+    monkeypatch.setattr(candidate_selection, "is_far_from_its_end", lambda refit: True)
+    monkeypatch.setattr(candidate_selection, "_explained", lambda *_: bent)
+    monkeypatch.setattr(candidate_selection, "refit_by_noise_continuation", lambda *_: [])
+    promised = candidate_selection.cost_to_promise([], here)
+    with (
+        patch.object(candidate_selection, "refit_causes", return_value=[]) as from_null,
+        patch.object(candidate_selection, "refit_from_afar", return_value=[]) as elsewhere,
+    ):
+        found = refits_of_likely(scores, [apart, unseen], augmented, here, objective, 3, CREW)
+    assert {refit.cause.name for refit in found} == {"apart", "unseen"} and not elsewhere.called
+    first, again = from_null.call_args_list
+    assert first.args[0] == again.args[0] == [other]
+    # The loads of a large effect ask for half of what the best gains, this one apart.
+    assert bent or again.args[-1] == promised
+
+
 def test_a_large_effect_that_refits_from_the_baseline_explain_needs_no_soft_loads() -> None:
     objective, baseline, augmented, tried = large_effect("Q", 60.0)
     assert baseline.best.chi_load > LARGE

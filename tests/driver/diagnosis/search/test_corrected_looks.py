@@ -54,8 +54,8 @@ def begun(hidden: Examined) -> tuple[Task, Objective, Side]:
 
 def test_what_cells_make_smaller_is_seen_as_large_as_it_is(hidden: Examined) -> None:
     task, extended, raw = begun(hidden)
-    (side,) = seen_corrected(task, extended, [raw], "tau0_grain2")
-    assert side.is_corrected and side.amount == raw.amount
+    other, side = seen_corrected(task, extended, [raw, raw], [1], "tau0_grain2")
+    assert other is raw and side.is_corrected and side.amount == raw.amount
     # Of 0.3 the cells make 0.22.
     assert side.score.estimate / raw.score.estimate == pytest.approx(0.22 / 0.3, abs=0.05)
 
@@ -65,8 +65,8 @@ def test_a_refit_from_a_look_is_on_the_way_to_where_the_finer_model_would_end(
 ) -> None:
     """The cells make no more than 0.25 of any contrast: none of theirs is that of the data."""
     task, extended, raw = begun(hidden)
-    (refit,) = refit_from_look(task, extended, raw)
-    assert refit.has_own_correction
+    refit = refit_from_look(task, extended, raw)
+    assert refit is not None and refit.has_own_correction
     assert 0.5 < np.log(refit.fit.values["tau0_grain2"]) < TRUTH
     # Those that lead are corrected on.
     for _ in range(2):
@@ -90,7 +90,7 @@ def test_a_refit_of_what_bends_begins_no_farther_than_it_was_seen(
     monkeypatch.setattr(corrected_looks, "corrected_refit", note)
     for estimate in (10.0, 2.0):
         side = replace(raw, score=replace(raw.score, estimate=np.array([estimate])))
-        assert refit_from_look(task, extended, side) == []
+        assert refit_from_look(task, extended, side) is None
     assert starts == pytest.approx([0.3, 0.2])
 
 
@@ -103,7 +103,7 @@ def test_a_look_that_cannot_be_simulated_finer_stays_as_it_was_seen(
     task, extended, raw = begun(hidden)
     monkeypatch.setattr(corrected_looks, "correction", fails)
     with collected_lines() as lines:
-        assert seen_corrected(task, extended, [raw], "tau0_grain2") == [raw]
+        assert seen_corrected(task, extended, [raw], [0], "tau0_grain2") == [raw]
     assert lines == ["  tau0_grain2 = 1.35 cannot be simulated finer (no solution)"]
 
 
@@ -117,5 +117,5 @@ def test_a_start_that_cannot_be_simulated_is_told_and_given_up(
 
     monkeypatch.setattr(Objective, "evaluate", fails)
     with collected_lines() as lines:
-        assert refit_from_look(task, extended, raw) == []
+        assert refit_from_look(task, extended, raw) is None
     assert lines == ["  grain_contrast: given up, for it cannot be simulated (no solution)"]

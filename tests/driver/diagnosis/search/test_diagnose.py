@@ -358,7 +358,7 @@ def test_an_own_error_that_the_correction_taken_anew_holds_refuses_no_verdict(
     Nor has a refit from a look a correction of its own, which would hold that error before.
     """
     monkeypatch.setattr(extension, "_MOST_CORRECTIONS", 1)
-    monkeypatch.setattr(finite_step_score, "refit_from_look", lambda *_: [])
+    monkeypatch.setattr(finite_step_score, "refit_from_look", lambda *_: None)
     working = replace(BENCH.model, adapter=ErringWithContrast())
     made = closed_form.objective(BENCH, BENCH.truth | {"tau0_grain2": 3.0})
     objective, fitted = identified(replace(BENCH, model=working), replace(made, model=working))

@@ -140,7 +140,7 @@ def test_a_side_that_is_seen_under_its_own_correction_is_refitted_however_near_i
 
     monkeypatch.setattr(finite_step_score, "_gained", near)
     assert [refit.cause.name for refit in look(hidden).refits] == ["non_schmid"]
-    monkeypatch.setattr(finite_step_score, "refit_from_look", lambda *_: [])
+    monkeypatch.setattr(finite_step_score, "refit_from_look", lambda *_: None)
     assert not look(hidden).refits
 
 
@@ -188,7 +188,7 @@ def test_the_end_of_a_refit_gains_more_than_the_sides_show(
 ) -> None:
     """The effect goes on bending beyond three prior scales."""
     end = score_of(look(hidden).scores, "non_schmid")
-    monkeypatch.setattr(finite_step_score, "_refits", lambda *_: [])
+    monkeypatch.setattr(finite_step_score, "_refit", lambda *_: None)
     side = score_of(look(hidden).scores, "non_schmid")
     assert end.statistic > side.statistic + 5.0
     assert side.estimate[0] == pytest.approx(6.5, abs=1.0)  # by the secant to three scales
@@ -210,8 +210,10 @@ def test_what_a_side_promises_and_a_refit_does_not_keep_does_not_count(
 def test_a_refit_that_is_worth_nothing_does_not_join_the_others(
     hidden: Examined, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def little(*begun: Any) -> list[Refit]:
-        return [replace(refit, log_evidence=0.9 * WORTH) for refit in refit_from_look(*begun)]
+    def little(*begun: Any) -> Refit:
+        refit = refit_from_look(*begun)
+        assert refit is not None
+        return replace(refit, log_evidence=0.9 * WORTH)
 
     monkeypatch.setattr(finite_step_score, "refit_from_look", little)
     found, near = look(hidden), score_of(hidden.scores, "non_schmid")
@@ -260,7 +262,7 @@ def test_a_side_that_promises_little_beside_what_is_known_is_scored_and_not_refi
     hidden: Examined, monkeypatch: pytest.MonkeyPatch, times: float, refits: int
 ) -> None:
     with monkeypatch.context() as without:
-        without.setattr(finite_step_score, "_refits", lambda *_: [])
+        without.setattr(finite_step_score, "_refit", lambda *_: None)
         side = score_of(look(hidden).scores, "non_schmid")
     known = replace(score_of(hidden.scores, "cold_work"), log_evidence=times * side.log_evidence)
     found = look(with_scores(hidden, known))

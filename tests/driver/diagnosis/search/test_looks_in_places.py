@@ -148,9 +148,8 @@ def test_a_refit_begins_where_a_place_was_seen_under_its_own_correction(
         more = replace(best.score, statistic=2 * best.score.statistic)
         return [*sides, replace(best, score=more, is_corrected=False)]
 
-    def begin(task: looks.Task, extended: Any, side: looks.Side) -> list[Refit]:
+    def begin(task: looks.Task, extended: Any, side: looks.Side) -> None:
         begun.append(side)
-        return []
 
     monkeypatch.setattr(finite_step_score, "looks_in_places", with_one_more)
     monkeypatch.setattr(finite_step_score, "refit_from_look", begin)
