@@ -76,6 +76,16 @@ class Derivatives:
             finer=self.finer.joined(other.finer.restrict(more)),
         )
 
+    def without(self, name: str) -> Derivatives:
+        """Return those for all parameters but one."""
+        rows = [k for k, p in enumerate(self.parameters) if p.name != name]
+        return replace(
+            self,
+            parameters=tuple(self.parameters[k] for k in rows),
+            working=self.working.restrict(rows),
+            finer=self.finer.restrict(rows),
+        )
+
     def sensitivity(self, data: Data, free: Sequence[str]) -> FloatArray:
         """Whitened derivatives for the θ of some parameters, shape (k, n), 0 for those unknown."""
         names = [p.name for p in self.parameters]
@@ -89,6 +99,33 @@ class Derivatives:
 
 
 @dataclass(frozen=True, eq=False)
+class Secant:
+    """How a correction changes along one parameter between two places where it was taken.
+
+    Attributes:
+        parameter: it.
+        begin, end: its values there.
+        motion, load: the change from the one to the other, beside what derivatives for other
+            parameters tell [µm], shape (T, n_pix, 3), and [µN], shape (T,).
+    """
+
+    parameter: Parameter
+    begin: float
+    end: float
+    motion: FloatArray
+    load: FloatArray
+
+    def share(self, values: Mapping[str, float]) -> float:
+        """Return the part of the way to its end, in θ, that other parameters are."""
+        return self.parameter.theta(values[self.parameter.name], self.begin) * self.slope
+
+    @property
+    def slope(self) -> float:
+        """Derivative of that part for θ."""
+        return 1.0 / self.parameter.theta(self.end, self.begin)
+
+
+@dataclass(frozen=True, eq=False)
 class Correction:
     """Finer minus working prediction, extrapolated, which is added to every working prediction.
 
@@ -98,7 +135,8 @@ class Correction:
         left_by_steps: what time steps leave wrong, None where the scheme is not of first order.
         parts: q, equal parts of each working step of first order that are stated: of an error e of
             the working steps the correction holds e (1 − 1/q) and leaves e/q.
-        derivatives: of motion and load, None where the correction counts as constant.
+        derivatives: of motion and load, None where they are not known.
+        secant: along one parameter, None where derivatives or nothing tells of it.
         course: trajectory of the finer simulation on the clock of the history, by which a later
             one begins its iterations; None where there is none.
     """
@@ -108,14 +146,51 @@ class Correction:
     left_by_steps: StepError | None = None
     parts: int = 1
     derivatives: Derivatives | None = None
+    secant: Secant | None = None
     course: Trajectory | None = None
 
     def at(self, values: Mapping[str, float]) -> Correction:
         """Return the correction as it is at other parameters, to first order, and constant."""
-        if self.derivatives is None:
+        if self.derivatives is None and self.secant is None:
             return self
-        motion, load = self.derivatives.change(values)
-        return replace(self, motion=self.motion + motion, load=self.load + load, derivatives=None)
+        here = replace(self, derivatives=None, secant=None)
+        if self.derivatives is not None:
+            here = here.plus(*self.derivatives.change(values))
+        if self.secant is not None:
+            share = self.secant.share(values)
+            here = here.plus(share * self.secant.motion, share * self.secant.load)
+        return here
+
+    def sensitivity(self, data: Data, free: Sequence[str]) -> FloatArray | None:
+        """Whitened derivatives for the θ of some parameters, shape (k, n); None where constant."""
+        whole, secant = None, self.secant
+        if self.derivatives is not None:
+            whole = self.derivatives.sensitivity(data, free)
+        if secant is not None and secant.parameter.name in free:
+            along = secant.slope * data.change(secant.motion, secant.load)
+            whole = np.zeros((len(free), along.size)) if whole is None else whole
+            whole[tuple(free).index(secant.parameter.name)] += along
+        return whole
+
+    def through(
+        self, other: Correction, values: Mapping[str, float], begin: float, parameter: Parameter
+    ) -> Correction:
+        """Return the correction that goes straight to another one along one parameter.
+
+        Args:
+            other: a constant one.
+            values: every parameter where it was taken.
+            begin: the value of the parameter where this one was taken.
+            parameter: it.
+        """
+        rest = replace(self, secant=None)
+        if self.derivatives is not None:
+            rest = replace(rest, derivatives=self.derivatives.without(parameter.name))
+        known = rest.at(values)
+        motion = np.asarray(other.motion) - np.asarray(known.motion)
+        load = np.asarray(other.load) - np.asarray(known.load)
+        secant = Secant(parameter, begin, values[parameter.name], motion, load)
+        return replace(rest, secant=secant, course=other.course)
 
     def completed_by(self, other: Correction) -> Correction:
         """Return this correction with the derivatives that it lacks of another one, if it has any.
@@ -199,6 +274,7 @@ def correction(
     values: Mapping[str, float],
     free: Sequence[str] = (),
     near: Correction | None = None,
+    left_by_steps: StepError | None = None,
 ) -> Correction:
     """Finer minus working prediction, extrapolated where both meshes are of one family.
 
@@ -216,6 +292,8 @@ def correction(
             correction gets them where they cost no further simulations.
         near: a correction by the same finer mesh at other parameters, by whose course the finer
             simulation begins its iterations.
+        left_by_steps: what time steps of first order leave, where that is known; it is simulated
+            where it is not.
 
     Raises:
         SolverError: a simulation could not be finished.
@@ -231,7 +309,8 @@ def correction(
     of_steps: list[ForwardModel] = []
     divided = max(parts, 2)  # halves tell an error of which nothing is held, too
     if first_order:
-        of_steps = [in_parts_of(working, coarse, values, divided)]
+        known = left_by_steps is not None
+        of_steps = [] if known else [in_parts_of(working, coarse, values, divided)]
     elif finer.steps_per_interval > working.steps_per_interval:
         of_steps = [working.in_steps_of(finer)]
     finer = finer.in_steps_of(working)
@@ -263,12 +342,12 @@ def correction(
         ]
         derivatives = Derivatives(dict(values), declared, *both)
     motion, load = (1 + more.motion) * motion, (1 + more.load) * load
-    found = Correction(motion, load, None, parts, derivatives, course)
+    found = Correction(motion, load, None, parts, derivatives, course=course)
     if not first_order:
         for one in stepped:
             found = found.plus(one.motion - coarse.motion, one.load - coarse.load)
         return found
-    left = error_by_parts(coarse, stepped[0], divided).times(1 / parts)
+    left = left_by_steps or error_by_parts(coarse, stepped[0], divided).times(1 / parts)
     held = left.times(parts - 1)
     cuts = working.cut_steps(coarse.response)
     cut = f"{cuts} more than stated, as some were cut; " if cuts else ""

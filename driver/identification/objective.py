@@ -138,8 +138,9 @@ class Objective:
         slopes = np.array([self.parameters[name].slope(values[name]) for name in free])
         jacobian = self.data.sensitivity(prediction)
         jacobian *= slopes[:, None]
-        if self.correction.derivatives is not None:
-            jacobian += self.correction.derivatives.sensitivity(self.data, free)
+        more = self.correction.sensitivity(self.data, free)
+        if more is not None:
+            jacobian += more
         gap, weight = self._prior_at(values, free)
         image, n_frames = self.data.image, self.data.index.size
         return Evaluation(

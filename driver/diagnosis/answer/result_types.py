@@ -233,7 +233,7 @@ class Refit:
         log_evidence: natural log of the Bayes factor against the baseline, and of the prior odds
             of the cause.
         levels: of a covariance cause its level and the standard deviation of it by name.
-        has_own_correction: whether it was fitted under the correction where it stands.
+        has_own_correction: whether it was fitted under a correction that was taken off its null.
     """
 
     cause: Cause

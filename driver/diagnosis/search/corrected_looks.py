@@ -2,8 +2,10 @@
 
 The derivatives of the correction at the fit hold near the fit. Of a contrast of four prior scales
 they made a wrong valley: the fit ended at a sixth of it, from wherever it began. So what promises
-something is seen again under the correction taken there, and the refit from there is made under
-that, then under those at its ends until its evidence settles.
+something is seen again under the correction taken there. What bends is refitted under the
+correction that goes straight from that at the fit to that of the look; those that lead are
+corrected on. What lies somewhere is refitted under the correction where it begins, then under those
+at its ends until its evidence settles.
 """
 
 from __future__ import annotations
@@ -19,7 +21,15 @@ from driver.common.parallel import side_by_side
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.candidate_correction import corrected_refit, under
 from driver.diagnosis.search.looks import Side, Task, seen_at
-from driver.diagnosis.search.refit import MOST_FROM_AFAR, freed_with, refit_line, refit_of
+from driver.diagnosis.search.refit import (
+    MOST_FROM_AFAR,
+    Executor,
+    Start,
+    freed_with,
+    refit_from,
+    refit_line,
+    refit_of,
+)
 from driver.identification.correction import Correction, correction
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
@@ -29,8 +39,6 @@ logger = logging.getLogger(__name__)
 _FARTHEST = 7.0
 """Prior scales with which the refit of a band begins at most: of τ₀ a factor of two."""
 _MOST_CORRECTIONS = 4
-_OF_WHAT_BENDS = 2
-"""Corrections of a refit of what bends: it leads or not, and those that lead are corrected on."""
 _SETTLED = 1.0  # change of the log evidence by the last of them
 
 
@@ -50,10 +58,18 @@ def seen_corrected(
     """
     model = extended.warm_started_from(task.here.best).model
 
+    near = extended.correction
+
     def corrected(at: Evaluation) -> Correction | Failure:
+        # What time steps leave is that at the fit: it hardly hangs on the cause.
         return attempt(
             lambda: correction(
-                model, task.finer, at.prediction, at.values, near=extended.correction
+                model,
+                task.finer,
+                at.prediction,
+                at.values,
+                near=near,
+                left_by_steps=near.left_by_steps,
             )
         )
 
@@ -65,30 +81,50 @@ def seen_corrected(
             told = f"{told_by} = {side.at.values[told_by]:.3g} cannot be simulated finer"
             logger.info(f"  {told} ({change.why})")
             continue
-        at = under(change, extended).compare(side.at.prediction, side.at.values, ())
-        seen[place] = replace(seen_at(task, at, side.amount), is_corrected=True)
+        there = under(change, extended)
+        at = there.compare(side.at.prediction, side.at.values, ())
+        seen[place] = replace(seen_at(task, at, side.amount), correction=there.correction)
     return seen
 
 
 def refit_from_look(task: Task, extended: Objective, begin: Side) -> Refit | None:
     """Return the refit of a cause from where it was looked at; None if it is given up.
 
-    It is made under the correction where it begins, then under those at its ends until the evidence
-    settles, or as far as these can be simulated.
-
     Args:
         task: the cause.
         extended: the objective with its prior.
-        begin: where it begins.
+        begin: where it begins; of what bends under the correction there.
+    """
+    if task.near.cause.places:
+        return _refit_in_place(task, extended, begin)
+    return _refit_between(task, extended, begin)
+
+
+def _refit_between(task: Task, extended: Objective, begin: Side) -> Refit | None:
+    """Return the refit of what bends, under the correction that is known at its null and the look.
+
+    The derivative of that at the null holds near it alone.
+    """
+    assert begin.correction is not None
+    cause = task.near.cause
+    (name,) = cause.parameters
+    null, parameter = extended.prior[name][0], extended.parameters[name]
+    straight = extended.correction.through(begin.correction, begin.at.values, null, parameter)
+    values = _begun(begin, extended, abs(begin.amount))
+    under_it = replace(extended, correction=straight)
+    start = Start(cause, under_it, values, None, task.here.best, np.inf, MOST_FROM_AFAR)
+    refit = next(iter(refit_from([start], Executor(1, 1))), None)
+    return refit if refit is None else replace(refit, has_own_correction=True)
+
+
+def _refit_in_place(task: Task, extended: Objective, begin: Side) -> Refit | None:
+    """Return the refit of what lies somewhere, under corrections of its own.
+
+    The first is that where it begins, the next are those at its ends until the evidence settles, or
+    as far as these can be simulated.
     """
     cause, fitted = task.near.cause, task.here.best
-    # The size is what the change bears, of a band of either sign; what bends was seen no farther.
-    (name,) = cause.parameters
-    most = _FARTHEST if cause.places else abs(begin.amount)
-    size = np.clip(begin.score.estimate[0], -most, most) * extended.parameters[name].width
-    values = begin.at.values | {
-        name: extended.parameters[name].value(float(size), extended.prior[name][0])
-    }
+    values = _begun(begin, extended, _FARTHEST)
     free, beside = freed_with(fitted, cause), extended.warm_started_from(fitted)
     first = attempt(lambda: beside.evaluate(values, free))
     if isinstance(first, Failure):
@@ -96,7 +132,7 @@ def refit_from_look(task: Task, extended: Objective, begin: Side) -> Refit | Non
         return None
     here = refit_of(cause, extended, Fit(first, False, "where it was looked at", ()), fitted)
     done: Refit | None = None
-    for _ in range(_MOST_CORRECTIONS if cause.places else _OF_WHAT_BENDS):
+    for _ in range(_MOST_CORRECTIONS):
         after = corrected_refit(here, task.finer, fitted, MOST_FROM_AFAR)
         if isinstance(after, Failure):
             logger.info(f"  {cause.name}: no further correction, for that failed ({after.why})")
@@ -108,3 +144,11 @@ def refit_from_look(task: Task, extended: Objective, begin: Side) -> Refit | Non
     if done is not None:
         logger.info(refit_line(done))
     return done
+
+
+def _begun(begin: Side, extended: Objective, most: float) -> dict[str, float]:
+    """Return every parameter where a refit begins, of the size that the change bears, at most."""
+    (name,) = begin.score.cause.parameters
+    size = np.clip(begin.score.estimate[0], -most, most) * extended.parameters[name].width
+    begun = extended.parameters[name].value(float(size), extended.prior[name][0])
+    return begin.at.values | {name: begun}

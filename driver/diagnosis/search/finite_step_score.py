@@ -254,8 +254,7 @@ def _refit(task: Task, extended: Objective, begin: Side) -> Refit | None:
     Where it cannot be corrected what bends is fitted under the correction at the fit.
     """
     cause = task.near.cause
-    (name,) = cause.parameters
-    if task.objective.model.simulated(name):
+    if cause.places or begin.is_corrected:
         refit = refit_from_look(task, extended, begin)
         if refit is not None or cause.places:
             return refit

@@ -8,6 +8,7 @@ from driver.common.distributions import chi2_sf
 from driver.diagnosis.statistics.score_test import Score, score
 from driver.diagnosis.statistics.screening import off_by_meshes
 from driver.forward.model import ForwardModel
+from driver.identification.correction import Correction
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 
@@ -45,13 +46,18 @@ class Side:
         amount: how far off, in prior scales.
         at: evaluation there.
         score: of the cause, by the change from the fit to there.
-        is_corrected: whether the correction was taken there.
+        correction: that there, None where it was not taken.
     """
 
     amount: float
     at: Evaluation
     score: Score
-    is_corrected: bool = False
+    correction: Correction | None = None
+
+    @property
+    def is_corrected(self) -> bool:
+        """Whether the correction was taken there."""
+        return self.correction is not None
 
 
 def seen_at(task: Task, at: Evaluation, amount: float) -> Side:

@@ -146,6 +146,60 @@ def test_of_a_constant_correction_nothing_is_taken_over() -> None:
     assert before.completed_by(constant) is before and constant.completed_by(before) is constant
 
 
+CONTRAST = "tau0_grain2"
+FAR = BENCH.truth | {CONTRAST: 1.4 * BENCH.truth[CONTRAST]}
+
+
+def straight(derivatives: bool) -> tuple[Correction, Correction, Correction]:
+    """The correction at the truth, that at another contrast, and what goes straight to it."""
+    begin = taken()[1] if derivatives else replace(taken()[1], derivatives=None)
+    end = correction(BENCH.model, fine_model(), BENCH.model.predict(FAR), FAR)
+    parameter = BENCH.model.parameters[CONTRAST]
+    return begin, end, begin.through(end, FAR, BENCH.truth[CONTRAST], parameter)
+
+
+@pytest.mark.parametrize("derivatives", [True, False])
+def test_a_correction_that_goes_straight_to_another_one_is_either_where_that_was_taken(
+    derivatives: bool,
+) -> None:
+    begin, end, change = straight(derivatives)
+    halfway = FAR | {CONTRAST: np.sqrt(1.4) * BENCH.truth[CONTRAST]}
+    places = ((BENCH.truth, begin.load), (FAR, end.load), (halfway, 0.5 * (begin.load + end.load)))
+    for at, load in places:
+        np.testing.assert_allclose(change.at(at).load, load, rtol=1e-12)
+    np.testing.assert_allclose(change.at(FAR).motion, end.motion, atol=1e-15)
+    np.testing.assert_array_equal(change.at(BENCH.truth).motion, begin.motion)
+    assert change.at(FAR).secant is None and change.course is end.course
+
+
+def test_what_goes_straight_along_one_parameter_keeps_the_derivatives_for_all_others() -> None:
+    begin, end, change = straight(derivatives=True)
+    assert begin.derivatives is not None
+    of_tau0 = FAR | {"tau0": 1.01 * FAR["tau0"]}, BENCH.truth | {"tau0": 1.01 * BENCH.truth["tau0"]}
+    for at, here in zip(of_tau0, (end, begin), strict=True):
+        moved = begin.derivatives.change(of_tau0[1])[1]
+        np.testing.assert_allclose(change.at(at).load, here.load + moved, rtol=1e-12)
+
+
+@pytest.mark.parametrize("derivatives", [True, False])
+def test_the_jacobian_of_what_goes_straight_is_its_difference_quotient(derivatives: bool) -> None:
+    _, _, change = straight(derivatives)
+    data, step = closed_form.objective(BENCH, BENCH.truth).data, 1e-5
+    for k, name in enumerate(("tau0", CONTRAST)):
+        rows = change.sensitivity(data, ("tau0", CONTRAST))
+        assert rows is not None
+        up, down = (
+            change.at(FAR | {name: FAR[name] * np.exp(sign * step)}) for sign in (1.0, -1.0)
+        )
+        motion, load = (
+            np.asarray(getattr(up, part)) - np.asarray(getattr(down, part))
+            for part in ("motion", "load")
+        )
+        quotient = data.change(motion, load) / (2 * step)
+        np.testing.assert_allclose(rows[k], quotient, atol=1e-6 * np.abs(rows).max())
+        assert bool(np.any(quotient)) == (derivatives or name == CONTRAST)
+
+
 def of(motion: float, load: float) -> Correction:
     return Correction(np.full((2, 3, 3), motion), np.full(2, load))
 

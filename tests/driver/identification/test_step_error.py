@@ -91,6 +91,17 @@ def test_of_a_finer_simulation_on_the_same_mesh_all_is_of_the_steps(parts: int) 
     np.testing.assert_allclose(change.of_mesh[1], 0.0, atol=bound)
 
 
+def test_what_the_steps_leave_is_taken_over_where_it_is_known() -> None:
+    working, finer = model(), model(2)
+    coarse = working.predict(values())
+    taken = correction(working, finer, coarse, values())
+    assert taken.left_by_steps is not None
+    known = taken.left_by_steps.times(3.0)
+    change = correction(working, finer, coarse, values(), left_by_steps=known)
+    assert change.left_by_steps is known
+    np.testing.assert_allclose(change.load, 3.0 * np.asarray(taken.load), rtol=1e-6)
+
+
 def test_a_finer_simulation_takes_the_steps_that_were_cut() -> None:
     """Else its correction would compare steps of the one with other steps of the other."""
     cut = np.sort(np.append(HISTORY.time[1:], HISTORY.time[2] - 1.0))

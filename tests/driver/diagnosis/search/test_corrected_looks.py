@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +16,7 @@ from driver.diagnosis.search import corrected_looks
 from driver.diagnosis.search.candidate_correction import corrected_refit
 from driver.diagnosis.search.corrected_looks import refit_from_look, seen_corrected
 from driver.diagnosis.search.looks import Side, Task, seen_at
-from driver.diagnosis.search.refit import with_prior
+from driver.diagnosis.search.refit import Executor, Start, with_prior
 from driver.identification.correction import Correction
 from driver.identification.objective import Objective
 from meshes.arrays import FloatArray
@@ -60,14 +61,21 @@ def test_what_cells_make_smaller_is_seen_as_large_as_it_is(hidden: Examined) -> 
     assert side.score.estimate / raw.score.estimate == pytest.approx(0.22 / 0.3, abs=0.05)
 
 
+def seen(hidden: Examined) -> tuple[Task, Objective, Side]:
+    """The look under the correction there."""
+    task, extended, raw = begun(hidden)
+    (side,) = seen_corrected(task, extended, [raw], [0], "tau0_grain2")
+    return task, extended, side
+
+
 def test_a_refit_from_a_look_is_on_the_way_to_where_the_finer_model_would_end(
     hidden: Examined,
 ) -> None:
     """The cells make no more than 0.25 of any contrast: none of theirs is that of the data."""
-    task, extended, raw = begun(hidden)
-    refit = refit_from_look(task, extended, raw)
+    task, extended, side = seen(hidden)
+    refit = refit_from_look(task, extended, side)
     assert refit is not None and refit.has_own_correction
-    assert 0.5 < np.log(refit.fit.values["tau0_grain2"]) < TRUTH
+    assert 0.4 < np.log(refit.fit.values["tau0_grain2"]) < 0.5
     # Those that lead are corrected on.
     for _ in range(2):
         after = corrected_refit(refit, task.finer, hidden.fit.best, 8)
@@ -76,21 +84,33 @@ def test_a_refit_from_a_look_is_on_the_way_to_where_the_finer_model_would_end(
     assert np.log(refit.fit.values["tau0_grain2"]) == pytest.approx(TRUTH, abs=0.05)
 
 
+def test_a_refit_of_what_bends_has_the_correction_of_the_fit_and_that_of_the_look(
+    hidden: Examined,
+) -> None:
+    task, extended, side = seen(hidden)
+    refit, known = refit_from_look(task, extended, side), side.correction
+    assert refit is not None and known is not None
+    for values, change in ((hidden.fit.values, extended.correction), (side.at.values, known)):
+        there = refit.objective.correction.at(values)
+        np.testing.assert_allclose(there.load, change.load, rtol=1e-9)
+        np.testing.assert_allclose(there.motion, change.motion, atol=1e-12)
+
+
 def test_a_refit_of_what_bends_begins_no_farther_than_it_was_seen(
     hidden: Examined, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A secant may promise ten prior scales, where no simulation ends."""
-    task, extended, raw = begun(hidden)
+    task, extended, side = seen(hidden)
     starts: list[float] = []
 
-    def note(refit: Refit, *rest: Any) -> Failure:
-        starts.append(float(np.log(refit.fit.values["tau0_grain2"])))
-        return Failure("no more is asked")
+    def note(tasks: Sequence[Start], executor: Executor) -> list[Refit]:
+        starts.extend(float(np.log(task.values["tau0_grain2"])) for task in tasks)
+        return []
 
-    monkeypatch.setattr(corrected_looks, "corrected_refit", note)
+    monkeypatch.setattr(corrected_looks, "refit_from", note)
     for estimate in (10.0, 2.0):
-        side = replace(raw, score=replace(raw.score, estimate=np.array([estimate])))
-        assert refit_from_look(task, extended, side) is None
+        far = replace(side, score=replace(side.score, estimate=np.array([estimate])))
+        assert refit_from_look(task, extended, far) is None
     assert starts == pytest.approx([0.3, 0.2])
 
 
@@ -110,12 +130,13 @@ def test_a_look_that_cannot_be_simulated_finer_stays_as_it_was_seen(
 def test_a_start_that_cannot_be_simulated_is_told_and_given_up(
     hidden: Examined, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    task, extended, raw = begun(hidden)
+    task, extended, side = seen(hidden)
 
     def fails(*_: Any, **__: Any) -> None:
         raise SolverError("no solution")
 
     monkeypatch.setattr(Objective, "evaluate", fails)
     with collected_lines() as lines:
-        assert refit_from_look(task, extended, raw) is None
-    assert lines == ["  grain_contrast: given up, for it cannot be simulated (no solution)"]
+        assert refit_from_look(task, extended, side) is None
+    (line,) = lines
+    assert line.startswith("  grain_contrast: a start is given up") and "no solution" in line

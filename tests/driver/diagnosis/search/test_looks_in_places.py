@@ -146,7 +146,7 @@ def test_a_refit_begins_where_a_place_was_seen_under_its_own_correction(
         sides = seen(*task)
         best = max(sides, key=lambda side: side.score.statistic)
         more = replace(best.score, statistic=2 * best.score.statistic)
-        return [*sides, replace(best, score=more, is_corrected=False)]
+        return [*sides, replace(best, score=more, correction=None)]
 
     def begin(task: looks.Task, extended: Any, side: looks.Side) -> None:
         begun.append(side)
