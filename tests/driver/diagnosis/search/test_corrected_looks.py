@@ -17,7 +17,7 @@ from driver.diagnosis.search.candidate_correction import corrected_refit
 from driver.diagnosis.search.corrected_looks import refit_from_look, seen_corrected
 from driver.diagnosis.search.looks import Side, Task, seen_at
 from driver.diagnosis.search.refit import Executor, Start, with_prior
-from driver.identification.correction import Correction
+from driver.identification.correction import Correction, correction
 from driver.identification.objective import Objective
 from meshes.arrays import FloatArray
 from solver_adapters.interface import Simulation, SolverError
@@ -84,16 +84,37 @@ def test_a_refit_from_a_look_is_on_the_way_to_where_the_finer_model_would_end(
     assert np.log(refit.fit.values["tau0_grain2"]) == pytest.approx(TRUTH, abs=0.05)
 
 
-def test_a_refit_of_what_bends_has_the_correction_of_the_fit_and_that_of_the_look(
-    hidden: Examined,
-) -> None:
+def test_a_refit_of_what_bends_has_the_correction_where_it_ends(hidden: Examined) -> None:
     task, extended, side = seen(hidden)
-    refit, known = refit_from_look(task, extended, side), side.correction
-    assert refit is not None and known is not None
-    for values, change in ((hidden.fit.values, extended.correction), (side.at.values, known)):
-        there = refit.objective.correction.at(values)
-        np.testing.assert_allclose(there.load, change.load, rtol=1e-9)
-        np.testing.assert_allclose(there.motion, change.motion, atol=1e-12)
+    refit = refit_from_look(task, extended, side)
+    assert refit is not None
+    values, model = refit.fit.values, extended.model
+    there = correction(model, task.finer, model.predict(values), values)
+    off = [
+        np.abs(there.load - one.at(values).load).max()
+        for one in (refit.objective.correction, extended.correction)
+    ]
+    assert off[0] < 0.2 * off[1]
+
+
+def test_a_refit_of_what_bends_stays_as_it_was_where_its_end_cannot_be_simulated_finer(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: Any, **__: Any) -> Correction:
+        raise SolverError("no solution")
+
+    task, extended, side = seen(hidden)
+    assert side.correction is not None
+    monkeypatch.setattr(corrected_looks, "correction", fails)
+    with collected_lines() as lines:
+        refit = refit_from_look(task, extended, side)
+    assert lines[-1] == "  grain_contrast: no further correction, for that failed (no solution)"
+    assert refit is not None and refit.has_own_correction
+    # Its correction is that of the fit there, and that of the look there.
+    for at, known in ((hidden.fit.values, extended.correction), (side.at.values, side.correction)):
+        change = refit.objective.correction.at(at)
+        np.testing.assert_allclose(change.load, known.load, rtol=1e-9)
+        np.testing.assert_allclose(change.motion, known.motion, atol=1e-12)
 
 
 def test_a_refit_of_what_bends_begins_no_farther_than_it_was_seen(
