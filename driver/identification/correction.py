@@ -192,18 +192,6 @@ class Correction:
         secant = Secant(parameter, begin, values[parameter.name], motion, load)
         return replace(rest, secant=secant, course=other.course)
 
-    def moved_to(self, other: Correction, values: Mapping[str, float]) -> Correction:
-        """Return the correction that is another one where that was taken, and changes as this one.
-
-        Args:
-            other: a constant one.
-            values: every parameter where it was taken.
-        """
-        known = self.at(values)
-        motion = np.asarray(other.motion) - np.asarray(known.motion)
-        moved = self.plus(motion, np.asarray(other.load) - np.asarray(known.load))
-        return replace(moved, course=other.course)
-
     def completed_by(self, other: Correction) -> Correction:
         """Return this correction with the derivatives that it lacks of another one, if it has any.
 

@@ -3,8 +3,8 @@
 The derivatives of the correction at the fit hold near the fit. Of a contrast of four prior scales
 they made a wrong valley: the fit ended at a sixth of it, from wherever it began. So what promises
 something is seen again under the correction taken there. What bends is refitted under the
-correction that goes straight from that at the fit to that of the look, and once more under that
-moved to the one at its end. What lies somewhere is refitted under the correction where it begins,
+correction that goes straight from that at the fit to that of the look, then under that at its end.
+What lies somewhere is refitted under the correction where it begins,
 then under those at its ends until its evidence settles. Those that lead are corrected on.
 """
 
@@ -20,11 +20,10 @@ from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import Cause
-from driver.diagnosis.search.candidate_correction import corrected_refit
+from driver.diagnosis.search.candidate_correction import corrected_refit, under
 from driver.diagnosis.search.looks import Side, Task, seen_at
 from driver.diagnosis.search.refit import (
     MOST_FROM_AFAR,
-    TOLERANCE,
     Executor,
     Start,
     freed_with,
@@ -33,7 +32,7 @@ from driver.diagnosis.search.refit import (
     refit_of,
 )
 from driver.identification.correction import Correction, correction
-from driver.identification.fit import Fit, fit_from
+from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 
 logger = logging.getLogger(__name__)
@@ -60,8 +59,20 @@ def seen_corrected(
     """
     model = extended.warm_started_from(task.here.best).model
 
+    known = extended.correction
+
     def corrected(at: Evaluation) -> Correction | Failure:
-        return _taken(task, replace(extended, model=model), at)
+        # What time steps leave is that at the fit: it hardly hangs on the cause.
+        return attempt(
+            lambda: correction(
+                model,
+                task.finer,
+                at.prediction,
+                at.values,
+                near=known,
+                left_by_steps=known.left_by_steps,
+            )
+        )
 
     seen = list(sides)
     changes = side_by_side(corrected, [sides[place].at for place in which], 1)
@@ -71,28 +82,10 @@ def seen_corrected(
             told = f"{told_by} = {side.at.values[told_by]:.3g} cannot be simulated finer"
             logger.info(f"  {told} ({change.why})")
             continue
-        at = replace(extended, correction=change).compare(side.at.prediction, side.at.values, ())
-        seen[place] = replace(seen_at(task, at, side.amount), correction=change)
+        there = under(change, extended)
+        at = there.compare(side.at.prediction, side.at.values, ())
+        seen[place] = replace(seen_at(task, at, side.amount), correction=there.correction)
     return seen
-
-
-def _taken(task: Task, objective: Objective, at: Evaluation) -> Correction | Failure:
-    """Return the correction at an evaluation, without derivatives, or why there is none.
-
-    What time steps leave is that at the fit: it hardly hangs on the cause.
-    """
-    near = objective.correction
-    change = attempt(
-        lambda: correction(
-            objective.model,
-            task.finer,
-            at.prediction,
-            at.values,
-            near=near,
-            left_by_steps=near.left_by_steps,
-        )
-    )
-    return change if isinstance(change, Failure) else change.with_second(objective.second)
 
 
 def refit_from_look(task: Task, extended: Objective, begin: Side) -> Refit | None:
@@ -111,8 +104,8 @@ def refit_from_look(task: Task, extended: Objective, begin: Side) -> Refit | Non
 def _refit_between(task: Task, extended: Objective, begin: Side) -> Refit | None:
     """Return the refit of what bends, under the correction that is known at its null and the look.
 
-    The derivative of that at the null holds near it alone. At the end of the refit the correction
-    is taken once more, and the refit goes on under that.
+    The derivative of that at the null holds near it alone. The refit goes on under the correction
+    at its end.
     """
     assert begin.correction is not None
     cause, fitted = task.near.cause, task.here.best
@@ -123,15 +116,12 @@ def _refit_between(task: Task, extended: Objective, begin: Side) -> Refit | None
     under_it = replace(extended, correction=straight)
     start = Start(cause, under_it, values, None, fitted, np.inf, MOST_FROM_AFAR)
     for refit in refit_from([start], Executor(1, 1)):
-        first, end = replace(refit, has_own_correction=True), refit.fit.best
-        change = _taken(task, under_it, end)
-        if isinstance(change, Failure):
-            logger.info(_no_further(cause, change))
-            return first
-        there = replace(extended, correction=straight.moved_to(change, end.values))
-        again = refit_of(cause, there, fit_from(end, there, MOST_FROM_AFAR, TOLERANCE), fitted)
-        logger.info(refit_line(again))
-        return replace(again, has_own_correction=True)
+        after = corrected_refit(refit, task.finer, fitted, MOST_FROM_AFAR)
+        if isinstance(after, Failure):
+            logger.info(_no_further(cause, after))
+            return replace(refit, has_own_correction=True)
+        logger.info(refit_line(after))
+        return after
     return None
 
 

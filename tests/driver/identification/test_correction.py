@@ -182,24 +182,6 @@ def test_what_goes_straight_along_one_parameter_keeps_the_derivatives_for_all_ot
 
 
 @pytest.mark.parametrize("derivatives", [True, False])
-def test_a_correction_that_was_moved_changes_as_before_about_another_one(
-    derivatives: bool,
-) -> None:
-    _, end, change = straight(derivatives)
-    there = BENCH.truth | {CONTRAST: 1.2 * BENCH.truth[CONTRAST], "tau0": 1.01 * FAR["tau0"]}
-    moved = change.moved_to(end, there)
-    np.testing.assert_allclose(moved.at(there).load, end.load, rtol=1e-12)
-    np.testing.assert_allclose(moved.at(there).motion, end.motion, atol=1e-15)
-    for part in ("motion", "load"):
-        before, after = (
-            np.asarray(getattr(one.at(FAR), part)) - np.asarray(getattr(one.at(there), part))
-            for one in (change, moved)
-        )
-        np.testing.assert_allclose(after, before, atol=1e-9 * np.abs(before).max())
-    assert moved.course is end.course
-
-
-@pytest.mark.parametrize("derivatives", [True, False])
 def test_the_jacobian_of_what_goes_straight_is_its_difference_quotient(derivatives: bool) -> None:
     _, _, change = straight(derivatives)
     data, step = closed_form.objective(BENCH, BENCH.truth).data, 1e-5

@@ -75,7 +75,7 @@ def test_a_refit_from_a_look_is_on_the_way_to_where_the_finer_model_would_end(
     task, extended, side = seen(hidden)
     refit = refit_from_look(task, extended, side)
     assert refit is not None and refit.has_own_correction
-    assert 0.4 < np.log(refit.fit.values["tau0_grain2"]) < 0.5
+    assert 0.5 < np.log(refit.fit.values["tau0_grain2"]) < TRUTH
     # Those that lead are corrected on.
     for _ in range(2):
         after = corrected_refit(refit, task.finer, hidden.fit.best, 8)
@@ -97,20 +97,17 @@ def test_a_refit_of_what_bends_has_the_correction_where_it_ends(hidden: Examined
     assert off[0] < 0.2 * off[1]
 
 
-def test_a_refit_of_what_bends_stays_as_it_was_where_its_end_cannot_be_simulated_finer(
+def test_a_refit_of_what_bends_begins_under_the_correction_that_is_known_at_its_null_and_the_look(
     hidden: Examined, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fails(*_: Any, **__: Any) -> Correction:
-        raise SolverError("no solution")
-
+    """It stays there where its end cannot be simulated on the finer mesh."""
     task, extended, side = seen(hidden)
     assert side.correction is not None
-    monkeypatch.setattr(corrected_looks, "correction", fails)
+    monkeypatch.setattr(corrected_looks, "corrected_refit", lambda *_: Failure("no solution"))
     with collected_lines() as lines:
         refit = refit_from_look(task, extended, side)
     assert lines[-1] == "  grain_contrast: no further correction, for that failed (no solution)"
     assert refit is not None and refit.has_own_correction
-    # Its correction is that of the fit there, and that of the look there.
     for at, known in ((hidden.fit.values, extended.correction), (side.at.values, side.correction)):
         change = refit.objective.correction.at(at)
         np.testing.assert_allclose(change.load, known.load, rtol=1e-9)
