@@ -3,6 +3,7 @@
 It is added to every working prediction (defect correction). What the mesh leaves wrong hangs on
 where crystals yield, and so on the parameters: with the derivatives of both predictions the
 corrected one follows the finer simulation to first order, and a fit ends where that would end.
+Between two places, far from each other along one parameter, it goes straight.
 """
 
 from __future__ import annotations
@@ -76,16 +77,6 @@ class Derivatives:
             finer=self.finer.joined(other.finer.restrict(more)),
         )
 
-    def without(self, name: str) -> Derivatives:
-        """Return those for all parameters but one."""
-        rows = [k for k, p in enumerate(self.parameters) if p.name != name]
-        return replace(
-            self,
-            parameters=tuple(self.parameters[k] for k in rows),
-            working=self.working.restrict(rows),
-            finer=self.finer.restrict(rows),
-        )
-
     def sensitivity(self, data: Data, free: Sequence[str]) -> FloatArray:
         """Whitened derivatives for the θ of some parameters, shape (k, n), 0 for those unknown."""
         names = [p.name for p in self.parameters]
@@ -100,13 +91,12 @@ class Derivatives:
 
 @dataclass(frozen=True, eq=False)
 class Secant:
-    """How a correction changes along one parameter between two places where it was taken.
+    """What a correction changes by along one parameter, linear in θ, beside what derivatives tell.
 
     Attributes:
         parameter: it.
-        begin, end: its values there.
-        motion, load: the change from the one to the other, beside what derivatives for other
-            parameters tell [µm], shape (T, n_pix, 3), and [µN], shape (T,).
+        begin, end: its values where the change is nothing, and where it is known.
+        motion, load: the change there [µm], shape (T, n_pix, 3), and [µN], shape (T,).
     """
 
     parameter: Parameter
@@ -115,14 +105,14 @@ class Secant:
     motion: FloatArray
     load: FloatArray
 
-    def share(self, values: Mapping[str, float]) -> float:
-        """Return the part of the way to its end, in θ, that other parameters are."""
-        return self.parameter.theta(values[self.parameter.name], self.begin) * self.slope
-
     @property
     def slope(self) -> float:
-        """Derivative of that part for θ."""
+        """Part of the change for a unit of θ."""
         return 1.0 / self.parameter.theta(self.end, self.begin)
+
+    def share(self, values: Mapping[str, float]) -> float:
+        """Return the part of the change at other parameters."""
+        return self.parameter.theta(values[self.parameter.name], self.begin) * self.slope
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +126,7 @@ class Correction:
         parts: q, equal parts of each working step of first order that are stated: of an error e of
             the working steps the correction holds e (1 − 1/q) and leaves e/q.
         derivatives: of motion and load, None where they are not known.
-        secant: along one parameter, None where derivatives or nothing tells of it.
+        secant: what it changes by along one parameter beside that, None where that is not known.
         course: trajectory of the finer simulation on the clock of the history, by which a later
             one begins its iterations; None where there is none.
     """
@@ -149,9 +139,14 @@ class Correction:
     secant: Secant | None = None
     course: Trajectory | None = None
 
+    @property
+    def is_constant(self) -> bool:
+        """Whether nothing is known of how it changes with the parameters."""
+        return self.derivatives is None and self.secant is None
+
     def at(self, values: Mapping[str, float]) -> Correction:
-        """Return the correction as it is at other parameters, to first order, and constant."""
-        if self.derivatives is None and self.secant is None:
+        """Return the correction as it is at other parameters, as far as is known, and constant."""
+        if self.is_constant:
             return self
         here = replace(self, derivatives=None, secant=None)
         if self.derivatives is not None:
@@ -177,20 +172,20 @@ class Correction:
     ) -> Correction:
         """Return the correction that goes straight to another one along one parameter.
 
+        Its derivatives for all others stay, and what time steps leave. A finer simulation begins
+        its iterations by the course of the other one.
+
         Args:
-            other: a constant one.
+            other: one without derivatives.
             values: every parameter where it was taken.
-            begin: the value of the parameter where this one was taken.
+            begin: another value of the parameter than there, at which this one holds.
             parameter: it.
         """
-        rest = replace(self, secant=None)
-        if self.derivatives is not None:
-            rest = replace(rest, derivatives=self.derivatives.without(parameter.name))
-        known = rest.at(values)
+        known = self.at(values)
         motion = np.asarray(other.motion) - np.asarray(known.motion)
         load = np.asarray(other.load) - np.asarray(known.load)
         secant = Secant(parameter, begin, values[parameter.name], motion, load)
-        return replace(rest, secant=secant, course=other.course)
+        return replace(self, secant=secant, course=other.course)
 
     def completed_by(self, other: Correction) -> Correction:
         """Return this correction with the derivatives that it lacks of another one, if it has any.
@@ -292,8 +287,8 @@ def correction(
             correction gets them where they cost no further simulations.
         near: a correction by the same finer mesh at other parameters, by whose course the finer
             simulation begins its iterations.
-        left_by_steps: what time steps of first order leave, where that is known; it is simulated
-            where it is not.
+        left_by_steps: what the correction will leave of time steps of first order, where that is
+            known of as many parts of each; it is simulated where it is not.
 
     Raises:
         SolverError: a simulation could not be finished.
@@ -308,10 +303,9 @@ def correction(
         finer = replace(finer, trajectory=near.course)
     of_steps: list[ForwardModel] = []
     divided = max(parts, 2)  # halves tell an error of which nothing is held, too
-    if first_order:
-        known = left_by_steps is not None
-        of_steps = [] if known else [in_parts_of(working, coarse, values, divided)]
-    elif finer.steps_per_interval > working.steps_per_interval:
+    if first_order and left_by_steps is None:
+        of_steps = [in_parts_of(working, coarse, values, divided)]
+    elif not first_order and finer.steps_per_interval > working.steps_per_interval:
         of_steps = [working.in_steps_of(finer)]
     finer = finer.in_steps_of(working)
     if first_order:
@@ -347,7 +341,9 @@ def correction(
         for one in stepped:
             found = found.plus(one.motion - coarse.motion, one.load - coarse.load)
         return found
-    left = left_by_steps or error_by_parts(coarse, stepped[0], divided).times(1 / parts)
+    left = left_by_steps
+    if left is None:
+        left = error_by_parts(coarse, stepped[0], divided).times(1 / parts)
     held = left.times(parts - 1)
     cuts = working.cut_steps(coarse.response)
     cut = f"{cuts} more than stated, as some were cut; " if cuts else ""

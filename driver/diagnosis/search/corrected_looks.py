@@ -4,8 +4,8 @@ The derivatives of the correction at the fit hold near the fit. Of a contrast of
 they made a wrong valley: the fit ended at a sixth of it, from wherever it began. So what promises
 something is seen again under the correction taken there. What bends is refitted under the
 correction that goes straight from that at the fit to that of the look, then under that at its end.
-What lies somewhere is refitted under the correction where it begins,
-then under those at its ends until its evidence settles. Those that lead are corrected on.
+What ends beyond, or lies somewhere, is refitted under the correction where it begins, then under
+those at its ends. Those that lead are corrected on.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from driver.diagnosis.search.refit import (
     refit_line,
     refit_of,
 )
+from driver.diagnosis.statistics.bayes_factor import amounts_of
 from driver.identification.correction import Correction, correction
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
@@ -40,6 +41,8 @@ logger = logging.getLogger(__name__)
 _FARTHEST = 7.0
 """Prior scales with which the refit of a band begins at most: of τ₀ a factor of two."""
 _MOST_CORRECTIONS = 4
+_OF_WHAT_BENDS = 2
+"""Corrections of a refit of what bends: it leads or not, and those that lead are corrected on."""
 _SETTLED = 1.0  # change of the log evidence by the last of them
 
 
@@ -57,20 +60,15 @@ def seen_corrected(
         which: those that are seen again, by their place in the sequence.
         told_by: the parameter by which they are told apart.
     """
-    model = extended.warm_started_from(task.here.best).model
-
-    known = extended.correction
+    model, known = extended.warm_started_from(task.here.best).model, extended.correction
+    taken = task.here.best.prediction.response.ends.size
 
     def corrected(at: Evaluation) -> Correction | Failure:
-        # What time steps leave is that at the fit: it hardly hangs on the cause.
+        # What time steps leave hardly hangs on the cause, but on the steps that were cut.
+        left = known.left_by_steps if at.prediction.response.ends.size == taken else None
         return attempt(
             lambda: correction(
-                model,
-                task.finer,
-                at.prediction,
-                at.values,
-                near=known,
-                left_by_steps=known.left_by_steps,
+                model, task.finer, at.prediction, at.values, near=known, left_by_steps=left
             )
         )
 
@@ -94,28 +92,37 @@ def refit_from_look(task: Task, extended: Objective, begin: Side) -> Refit | Non
     Args:
         task: the cause.
         extended: the objective with its prior.
-        begin: where it begins; of what bends under the correction there.
+        begin: where it begins.
     """
     if task.near.cause.places:
-        return _refit_in_place(task, extended, begin)
-    return _refit_between(task, extended, begin)
+        values = _begun(begin, extended, _FARTHEST)
+        return _from_its_start(task, extended, values, _MOST_CORRECTIONS)
+    # What bends was seen no farther.
+    values = _begun(begin, extended, abs(begin.amount))
+    between = _between_null_and_look(task, extended, begin, values)
+    return between or _from_its_start(task, extended, values, _OF_WHAT_BENDS)
 
 
-def _refit_between(task: Task, extended: Objective, begin: Side) -> Refit | None:
-    """Return the refit of what bends, under the correction that is known at its null and the look.
+def _between_null_and_look(
+    task: Task, extended: Objective, begin: Side, values: dict[str, float]
+) -> Refit | None:
+    """Return the refit under the correction that is known at the null of a cause and at the look.
 
     The derivative of that at the null holds near it alone. The refit goes on under the correction
-    at its end.
+    at its end. None where it ends beyond the look, or there is no correction of that.
     """
-    assert begin.correction is not None
+    if begin.correction is None:
+        return None
     cause, fitted = task.near.cause, task.here.best
     (name,) = cause.parameters
     null, parameter = extended.prior[name][0], extended.parameters[name]
     straight = extended.correction.through(begin.correction, begin.at.values, null, parameter)
-    values = _begun(begin, extended, abs(begin.amount))
     under_it = replace(extended, correction=straight)
     start = Start(cause, under_it, values, None, fitted, np.inf, MOST_FROM_AFAR)
     for refit in refit_from([start], Executor(1, 1)):
+        (amount,) = amounts_of(cause.parameters, refit.fit.values, extended)
+        if abs(amount) > abs(begin.amount):
+            return None
         after = corrected_refit(refit, task.finer, fitted, MOST_FROM_AFAR)
         if isinstance(after, Failure):
             logger.info(_no_further(cause, after))
@@ -129,14 +136,21 @@ def _no_further(cause: Cause, failed: Failure) -> str:
     return f"  {cause.name}: no further correction, for that failed ({failed.why})"
 
 
-def _refit_in_place(task: Task, extended: Objective, begin: Side) -> Refit | None:
-    """Return the refit of what lies somewhere, under corrections of its own.
+def _from_its_start(
+    task: Task, extended: Objective, values: dict[str, float], most: int
+) -> Refit | None:
+    """Return the refit under corrections of its own.
 
     The first is that where it begins, the next are those at its ends until the evidence settles, or
     as far as these can be simulated.
+
+    Args:
+        task: the cause.
+        extended: the objective with its prior.
+        values: every parameter where it begins.
+        most: largest number of corrections.
     """
     cause, fitted = task.near.cause, task.here.best
-    values = _begun(begin, extended, _FARTHEST)
     free, beside = freed_with(fitted, cause), extended.warm_started_from(fitted)
     first = attempt(lambda: beside.evaluate(values, free))
     if isinstance(first, Failure):
@@ -144,7 +158,7 @@ def _refit_in_place(task: Task, extended: Objective, begin: Side) -> Refit | Non
         return None
     here = refit_of(cause, extended, Fit(first, False, "where it was looked at", ()), fitted)
     done: Refit | None = None
-    for _ in range(_MOST_CORRECTIONS):
+    for _ in range(most):
         after = corrected_refit(here, task.finer, fitted, MOST_FROM_AFAR)
         if isinstance(after, Failure):
             logger.info(_no_further(cause, after))
@@ -159,7 +173,15 @@ def _refit_in_place(task: Task, extended: Objective, begin: Side) -> Refit | Non
 
 
 def _begun(begin: Side, extended: Objective, most: float) -> dict[str, float]:
-    """Return every parameter where a refit begins, of the size that the change bears, at most."""
+    """Return every parameter where a refit begins.
+
+    The cause has the size that the change bears, of a band of either sign.
+
+    Args:
+        begin: the look.
+        extended: the objective with the prior of the cause.
+        most: largest size, in prior scales.
+    """
     (name,) = begin.score.cause.parameters
     size = np.clip(begin.score.estimate[0], -most, most) * extended.parameters[name].width
     begun = extended.parameters[name].value(float(size), extended.prior[name][0])

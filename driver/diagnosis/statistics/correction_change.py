@@ -18,16 +18,16 @@ def whitened_difference(objective: Objective, one: Correction, other: Correction
 
 
 def changed_on_the_way(objective: Objective, begin: Mapping[str, float], at: Evaluation) -> float:
-    """Norm of what the derivatives of a correction change it by, beside what is fitted [σ].
+    """Norm of what a correction changes by with the parameters, beside what is fitted [σ].
 
-    0 for a correction without derivatives.
+    0 for one that counts as constant.
 
     Args:
         objective: with the correction.
         begin: every parameter where the way begins.
         at: the evaluation where it ends.
     """
-    if objective.correction.derivatives is None:
+    if objective.correction.is_constant:
         return 0.0
     before, after = (objective.correction.at(where) for where in (begin, at.values))
     change = whitened_difference(objective, after, before)

@@ -12,7 +12,7 @@ from driver.identification.correction import Correction, SecondMesh, correction
 from driver.identification.fit import fit
 from driver.identification.identify import with_correction
 from driver.parameters.boundary import LAMBDAS, elongation_names
-from solver_adapters.interface import Capabilities
+from solver_adapters.interface import Capabilities, Trajectory
 from tools import closed_form
 from tools.closed_form import LAW, SIZES
 from tools.closed_form_diagnosis import finer, priors
@@ -147,43 +147,63 @@ def test_of_a_constant_correction_nothing_is_taken_over() -> None:
 
 
 CONTRAST = "tau0_grain2"
-FAR = BENCH.truth | {CONTRAST: 1.4 * BENCH.truth[CONTRAST]}
+FAR = away(0.1) | {CONTRAST: 1.4 * BENCH.truth[CONTRAST]}
+COURSE = Trajectory(np.zeros(2), np.zeros((2, 3, 3)))
 
 
-def straight(derivatives: bool) -> tuple[Correction, Correction, Correction]:
-    """The correction at the truth, that at another contrast, and what goes straight to it."""
-    begin = taken()[1] if derivatives else replace(taken()[1], derivatives=None)
+def far_off() -> Correction:
+    """The correction at another contrast, and at others of all that was fitted."""
     end = correction(BENCH.model, fine_model(), BENCH.model.predict(FAR), FAR)
+    return replace(end, course=COURSE)
+
+
+def straight(derivatives: bool) -> tuple[Correction, Correction]:
+    """The correction at the truth, and what goes straight from it to that far off."""
+    begin = taken()[1] if derivatives else replace(taken()[1], derivatives=None)
     parameter = BENCH.model.parameters[CONTRAST]
-    return begin, end, begin.through(end, FAR, BENCH.truth[CONTRAST], parameter)
+    return begin, begin.through(far_off(), FAR, BENCH.truth[CONTRAST], parameter)
 
 
 @pytest.mark.parametrize("derivatives", [True, False])
 def test_a_correction_that_goes_straight_to_another_one_is_either_where_that_was_taken(
     derivatives: bool,
 ) -> None:
-    begin, end, change = straight(derivatives)
-    halfway = FAR | {CONTRAST: np.sqrt(1.4) * BENCH.truth[CONTRAST]}
-    places = ((BENCH.truth, begin.load), (FAR, end.load), (halfway, 0.5 * (begin.load + end.load)))
-    for at, load in places:
-        np.testing.assert_allclose(change.at(at).load, load, rtol=1e-12)
-    np.testing.assert_allclose(change.at(FAR).motion, end.motion, atol=1e-15)
-    np.testing.assert_array_equal(change.at(BENCH.truth).motion, begin.motion)
-    assert change.at(FAR).secant is None and change.course is end.course
+    begin, change = straight(derivatives)
+    end = far_off()
+    for at, known in ((BENCH.truth, begin), (FAR, end)):
+        np.testing.assert_allclose(change.at(at).load, known.load, rtol=1e-12)
+        np.testing.assert_allclose(change.at(at).motion, known.motion, atol=1e-15)
+    assert change.at(FAR).is_constant and not change.is_constant
+    assert change.course is COURSE
 
 
-def test_what_goes_straight_along_one_parameter_keeps_the_derivatives_for_all_others() -> None:
-    begin, end, change = straight(derivatives=True)
-    assert begin.derivatives is not None
-    of_tau0 = FAR | {"tau0": 1.01 * FAR["tau0"]}, BENCH.truth | {"tau0": 1.01 * BENCH.truth["tau0"]}
-    for at, here in zip(of_tau0, (end, begin), strict=True):
-        moved = begin.derivatives.change(of_tau0[1])[1]
-        np.testing.assert_allclose(change.at(at).load, here.load + moved, rtol=1e-12)
+@pytest.mark.parametrize("derivatives", [True, False])
+def test_what_goes_straight_along_one_parameter_keeps_the_derivatives_for_all_others(
+    derivatives: bool,
+) -> None:
+    begin, change = straight(derivatives)
+    halfway = {CONTRAST: np.sqrt(1.4) * BENCH.truth[CONTRAST]}
+    for here in (BENCH.truth, FAR):
+        ends = [
+            np.asarray(change.at(here | {CONTRAST: at[CONTRAST]}).load) for at in (BENCH.truth, FAR)
+        ]
+        np.testing.assert_allclose(change.at(here | halfway).load, 0.5 * sum(ends), rtol=1e-12)
+    other = BENCH.truth | {"tau0": 1.01 * BENCH.truth["tau0"]}
+    np.testing.assert_allclose(change.at(other).load, begin.at(other).load, rtol=1e-12)
+
+
+def test_what_goes_straight_begins_where_a_correction_holds_though_it_was_taken_elsewhere() -> None:
+    """A cause that was taken out again stands at its null, and its correction knows it there."""
+    _, begin = taken()
+    null = BENCH.truth | {CONTRAST: 0.9 * BENCH.truth[CONTRAST]}
+    change = begin.through(far_off(), FAR, null[CONTRAST], BENCH.model.parameters[CONTRAST])
+    for at, known in ((null, begin.at(null)), (FAR, far_off())):
+        np.testing.assert_allclose(change.at(at).load, known.load, rtol=1e-12)
 
 
 @pytest.mark.parametrize("derivatives", [True, False])
 def test_the_jacobian_of_what_goes_straight_is_its_difference_quotient(derivatives: bool) -> None:
-    _, _, change = straight(derivatives)
+    _, change = straight(derivatives)
     data, step = closed_form.objective(BENCH, BENCH.truth).data, 1e-5
     for k, name in enumerate(("tau0", CONTRAST)):
         rows = change.sensitivity(data, ("tau0", CONTRAST))

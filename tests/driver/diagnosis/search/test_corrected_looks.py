@@ -1,4 +1,4 @@
-"""A cause is seen under the correction where it stands, and its refit begins and ends there."""
+"""A cause is seen under the correction where it stands, and its refit begins by that."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from driver.diagnosis.search.candidate_correction import corrected_refit
 from driver.diagnosis.search.corrected_looks import refit_from_look, seen_corrected
 from driver.diagnosis.search.looks import Side, Task, seen_at
 from driver.diagnosis.search.refit import Executor, Start, with_prior
-from driver.identification.correction import Correction, correction
+from driver.identification.correction import Correction, SecondMesh, correction
 from driver.identification.objective import Objective
+from driver.identification.step_error import StepError
 from meshes.arrays import FloatArray
 from solver_adapters.interface import Simulation, SolverError
 from tests.driver.diagnosis.search.examined import Examined, finer_of, score_of, scored
@@ -43,14 +44,14 @@ def hidden() -> Examined:
     return scored({"tau0_grain2": float(np.exp(TRUTH))}, ("grain_contrast", "cold_work"), Coarse)
 
 
-def begun(hidden: Examined) -> tuple[Task, Objective, Side]:
-    """A look three prior scales off the null, as the working mesh shows it."""
+def begun(hidden: Examined, far: float = 0.3) -> tuple[Task, Objective, Side]:
+    """A look three prior scales off the null, or farther, as the working mesh shows it."""
     near = score_of(hidden.scores, "grain_contrast")
     task = Task(near, hidden.fit, hidden.objective, finer_of(hidden), 10, 1.0, 1.0)
     extended = with_prior(hidden.objective, near.cause)
-    values = hidden.fit.values | {"tau0_grain2": float(np.exp(0.3))}
+    values = hidden.fit.values | {"tau0_grain2": float(np.exp(far))}
     at = extended.compare(extended.model.predict(values), values, ())
-    return task, extended, seen_at(task, at, 3.0)
+    return task, extended, seen_at(task, at, 10.0 * far)
 
 
 def test_what_cells_make_smaller_is_seen_as_large_as_it_is(hidden: Examined) -> None:
@@ -61,9 +62,44 @@ def test_what_cells_make_smaller_is_seen_as_large_as_it_is(hidden: Examined) -> 
     assert side.score.estimate / raw.score.estimate == pytest.approx(0.22 / 0.3, abs=0.05)
 
 
-def seen(hidden: Examined) -> tuple[Task, Objective, Side]:
-    """The look under the correction there."""
+def test_what_a_second_mesh_adds_is_in_the_correction_of_a_look(hidden: Examined) -> None:
     task, extended, raw = begun(hidden)
+    known = extended.correction
+    added = Correction(0.0 * np.asarray(known.motion), 3.0 + 0.0 * np.asarray(known.load))
+    second = SecondMesh(added, 0.5)
+    both = replace(extended, correction=known.with_second(second), second=second)
+    loads = []
+    for objective in (extended, both):
+        (side,) = seen_corrected(task, objective, [raw], [0], "tau0_grain2")
+        assert side.correction is not None
+        loads.append(np.asarray(side.correction.load))
+    np.testing.assert_allclose(loads[1] - loads[0], 3.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize("cut", [0, 1])
+def test_what_time_steps_leave_is_that_at_the_fit_unless_others_were_cut(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch, cut: int
+) -> None:
+    task, extended, raw = begun(hidden)
+    left = StepError(np.zeros((1, 1, 3)), np.zeros(1))
+    objective = replace(extended, correction=replace(extended.correction, left_by_steps=left))
+    response = raw.at.prediction.response
+    response = replace(response, ends=np.append(response.ends, np.arange(float(cut))))
+    at = replace(raw.at, prediction=replace(raw.at.prediction, response=response))
+    taken_over: list[StepError | None] = []
+
+    def note(*_: Any, left_by_steps: StepError | None, **__: Any) -> Correction:
+        taken_over.append(left_by_steps)
+        raise SolverError("no more is asked")
+
+    monkeypatch.setattr(corrected_looks, "correction", note)
+    seen_corrected(task, objective, [replace(raw, at=at)], [0], "tau0_grain2")
+    assert taken_over == [None if cut else left]
+
+
+def seen(hidden: Examined, far: float = 0.3) -> tuple[Task, Objective, Side]:
+    """The look under the correction there."""
+    task, extended, raw = begun(hidden, far)
     (side,) = seen_corrected(task, extended, [raw], [0], "tau0_grain2")
     return task, extended, side
 
@@ -101,7 +137,7 @@ def test_a_refit_of_what_bends_begins_under_the_correction_that_is_known_at_its_
     hidden: Examined, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It stays there where its end cannot be simulated on the finer mesh."""
-    task, extended, side = seen(hidden)
+    task, extended, side = seen(hidden, 0.7)
     assert side.correction is not None
     monkeypatch.setattr(corrected_looks, "corrected_refit", lambda *_: Failure("no solution"))
     with collected_lines() as lines:
@@ -112,6 +148,22 @@ def test_a_refit_of_what_bends_begins_under_the_correction_that_is_known_at_its_
         change = refit.objective.correction.at(at)
         np.testing.assert_allclose(change.load, known.load, rtol=1e-9)
         np.testing.assert_allclose(change.motion, known.motion, atol=1e-12)
+
+
+def test_a_refit_that_ends_beyond_its_look_is_made_under_the_correction_where_it_begins(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What goes straight is known between the null and the look alone."""
+    begun: list[Correction] = []
+
+    def note(refit: Refit, *rest: Any) -> Failure:
+        begun.append(refit.objective.correction)
+        return Failure("no more is asked")
+
+    monkeypatch.setattr(corrected_looks, "corrected_refit", note)
+    for far in (0.3, 0.7):
+        refit_from_look(*seen(hidden, far))
+    assert [change.secant is None for change in begun] == [True, False]
 
 
 def test_a_refit_of_what_bends_begins_no_farther_than_it_was_seen(
@@ -126,6 +178,7 @@ def test_a_refit_of_what_bends_begins_no_farther_than_it_was_seen(
         return []
 
     monkeypatch.setattr(corrected_looks, "refit_from", note)
+    monkeypatch.setattr(corrected_looks, "corrected_refit", lambda *_: Failure("no solution"))
     for estimate in (10.0, 2.0):
         far = replace(side, score=replace(side.score, estimate=np.array([estimate])))
         assert refit_from_look(task, extended, far) is None
@@ -156,5 +209,4 @@ def test_a_start_that_cannot_be_simulated_is_told_and_given_up(
     monkeypatch.setattr(Objective, "evaluate", fails)
     with collected_lines() as lines:
         assert refit_from_look(task, extended, side) is None
-    (line,) = lines
-    assert line.startswith("  grain_contrast: a start is given up") and "no solution" in line
+    assert lines[-1] == "  grain_contrast: given up, for it cannot be simulated (no solution)"

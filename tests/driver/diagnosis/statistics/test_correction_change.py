@@ -38,3 +38,11 @@ def test_a_change_of_a_correction_counts_as_far_as_no_fitted_parameter_takes_it(
 def test_a_constant_correction_changes_nowhere() -> None:
     at = OBJECTIVE.evaluate(BENCH.truth, FREE)
     assert changed_on_the_way(OBJECTIVE, BENCH.truth | {"tau0": 80.0}, at) == 0.0
+
+
+def test_a_correction_without_derivatives_changes_along_the_parameter_of_which_it_knows() -> None:
+    at = OBJECTIVE.evaluate(BENCH.truth, FREE)
+    begin, end = (BENCH.truth | {"d": share * BENCH.truth["d"]} for share in (0.9, 1.1))
+    there = correction(BENCH.model, finer(BENCH, 0.05), OBJECTIVE.model.predict(end), end)
+    taken = Correction().through(there, end, begin["d"], BENCH.model.parameters["d"])
+    assert changed_on_the_way(replace(OBJECTIVE, correction=taken), begin, at) > 0.1
