@@ -4,7 +4,7 @@ The derivatives of the correction at the fit hold near the fit. Of a contrast of
 they made a wrong valley: the fit ended at a sixth of it, from wherever it began. So what promises
 something is seen again under the correction taken there. What bends is refitted under the
 correction that goes straight from that at the fit to that of the look, then under that at its end.
-What ends beyond, or lies somewhere, is refitted under the correction where it begins, then under
+What ends elsewhere, or lies somewhere, is refitted under the correction where it begins, then under
 those at its ends. Those that lead are corrected on.
 """
 
@@ -109,7 +109,7 @@ def _between_null_and_look(
     """Return the refit under the correction that is known at the null of a cause and at the look.
 
     The derivative of that at the null holds near it alone. The refit goes on under the correction
-    at its end. None where it ends beyond the look, or there is no correction of that.
+    at its end. None where it does not end between both, or there is no correction of the look.
     """
     if begin.correction is None:
         return None
@@ -121,7 +121,7 @@ def _between_null_and_look(
     start = Start(cause, under_it, values, None, fitted, np.inf, MOST_FROM_AFAR)
     for refit in refit_from([start], Executor(1, 1)):
         (amount,) = amounts_of(cause.parameters, refit.fit.values, extended)
-        if abs(amount) > abs(begin.amount):
+        if not 0.0 <= amount / begin.amount <= 1.0:
             return None
         after = corrected_refit(refit, task.finer, fitted, MOST_FROM_AFAR)
         if isinstance(after, Failure):

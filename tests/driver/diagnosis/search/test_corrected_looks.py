@@ -150,20 +150,23 @@ def test_a_refit_of_what_bends_begins_under_the_correction_that_is_known_at_its_
         np.testing.assert_allclose(change.motion, known.motion, atol=1e-12)
 
 
-def test_a_refit_that_ends_beyond_its_look_is_made_under_the_correction_where_it_begins(
-    hidden: Examined, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("end", "straight"), [(7.1, False), (6.9, True), (0.1, True), (-0.1, False)]
+)
+def test_a_refit_that_does_not_end_between_null_and_look_begins_under_the_correction_there(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch, end: float, straight: bool
 ) -> None:
-    """What goes straight is known between the null and the look alone."""
+    """What goes straight is known between both alone."""
     begun: list[Correction] = []
 
     def note(refit: Refit, *rest: Any) -> Failure:
         begun.append(refit.objective.correction)
         return Failure("no more is asked")
 
+    monkeypatch.setattr(corrected_looks, "amounts_of", lambda *_: np.array([end]))
     monkeypatch.setattr(corrected_looks, "corrected_refit", note)
-    for far in (0.3, 0.7):
-        refit_from_look(*seen(hidden, far))
-    assert [change.secant is None for change in begun] == [True, False]
+    refit_from_look(*seen(hidden, 0.7))
+    assert [change.secant is not None for change in begun] == [straight]
 
 
 def test_a_refit_of_what_bends_begins_no_farther_than_it_was_seen(
