@@ -47,7 +47,7 @@ class _Task:
     """A refit, to be fitted again.
 
     Attributes:
-        refit: the refit, under the correction at the baseline.
+        refit: the refit, under the correction that it has.
         finer: the finer model, its orientations those of the refit.
         most: largest number of iterations.
     """

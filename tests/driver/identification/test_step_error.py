@@ -11,6 +11,7 @@ import pytest
 from driver.forward.build import build_model, mesh_of
 from driver.forward.mesh_extrapolation import lacking_share
 from driver.forward.model import ForwardModel
+from driver.forward.prediction import Prediction
 from driver.identification.correction import correction
 from driver.identification.step_error import (
     StepError,
@@ -91,13 +92,24 @@ def test_of_a_finer_simulation_on_the_same_mesh_all_is_of_the_steps(parts: int) 
     np.testing.assert_allclose(change.of_mesh[1], 0.0, atol=bound)
 
 
-def test_what_the_steps_leave_is_taken_over_where_it_is_known() -> None:
+def test_what_the_steps_leave_is_taken_over_where_it_is_known(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It costs no simulation then."""
     working, finer = model(), model(2)
     coarse = working.predict(values())
     taken = correction(working, finer, coarse, values())
     assert taken.left_by_steps is not None
-    known = taken.left_by_steps.times(3.0)
+    known, predict = taken.left_by_steps.times(3.0), ForwardModel.predict
+    runs: list[ForwardModel] = []
+
+    def counted(self: ForwardModel, *asked: Any) -> Prediction:
+        runs.append(self)
+        return predict(self, *asked)
+
+    monkeypatch.setattr(ForwardModel, "predict", counted)
     change = correction(working, finer, coarse, values(), left_by_steps=known)
+    assert len(runs) == 1
     assert change.left_by_steps is known
     np.testing.assert_allclose(change.load, 3.0 * np.asarray(taken.load), rtol=1e-6)
 
