@@ -119,17 +119,18 @@ def _between_null_and_look(
     straight = extended.correction.through(begin.correction, begin.at.values, null, parameter)
     under_it = replace(extended, correction=straight)
     start = Start(cause, under_it, values, None, fitted, np.inf, MOST_FROM_AFAR)
-    for refit in refit_from([start], Executor(1, 1)):
-        (amount,) = amounts_of(cause.parameters, refit.fit.values, extended)
-        if not 0.0 <= amount / begin.amount <= 1.0:
-            return None
-        after = corrected_refit(refit, task.finer, fitted, MOST_FROM_AFAR)
-        if isinstance(after, Failure):
-            logger.info(_no_further(cause, after))
-            return replace(refit, has_own_correction=True)
-        logger.info(refit_line(after))
-        return after
-    return None
+    refit = next(iter(refit_from([start], Executor(1, 1))), None)
+    if refit is None:
+        return None
+    (amount,) = amounts_of(cause.parameters, refit.fit.values, extended)
+    if not 0.0 <= amount / begin.amount <= 1.0:
+        return None
+    after = corrected_refit(refit, task.finer, fitted, MOST_FROM_AFAR)
+    if isinstance(after, Failure):
+        logger.info(_no_further(cause, after))
+        return replace(refit, has_own_correction=True)
+    logger.info(refit_line(after))
+    return after
 
 
 def _no_further(cause: Cause, failed: Failure) -> str:

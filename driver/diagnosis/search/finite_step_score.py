@@ -254,7 +254,8 @@ def _refit(task: Task, extended: Objective, begin: Side) -> Refit | None:
     Where it cannot be corrected what bends is fitted under the correction at the fit.
     """
     cause = task.near.cause
-    if cause.places or begin.is_corrected:
+    (name,) = cause.parameters
+    if task.objective.model.simulated(name):
         refit = refit_from_look(task, extended, begin)
         if refit is not None or cause.places:
             return refit

@@ -171,6 +171,18 @@ def test_where_no_finer_mesh_can_be_simulated_the_correction_at_the_fit_does(
     assert refit.fit.values["a1"] == pytest.approx(TRUTH, rel=0.1)
 
 
+def test_where_the_look_alone_cannot_be_simulated_finer_its_refit_has_a_correction_of_its_own(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: Any, **__: Any) -> Correction:
+        raise SolverError("no solution")
+
+    monkeypatch.setattr(corrected_looks, "correction", fails)
+    (refit,) = look(hidden).refits
+    assert refit.has_own_correction
+    assert refit.fit.values["a1"] == pytest.approx(TRUTH, rel=0.1)
+
+
 @pytest.mark.parametrize("processes", [1, 2])
 def test_what_an_instrument_shows_has_no_correction_of_its_own(processes: int) -> None:
     """Refits come back from other processes as copies."""
