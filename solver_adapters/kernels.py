@@ -37,6 +37,7 @@ KERNEL_SOURCES = (
         for name in (
             "__init__",
             "back_strain",
+            "constant_derivatives",
             "fast_math",
             "finite_derivative",
             "finite_strain",

@@ -8,7 +8,7 @@ constants and history make at fixed H; and dFp⁰⁻¹ itself where it enters ou
 
 from meshes.arrays import BoolArray, FloatArray, IntArray
 from solver_adapters.bundled.law import tensors
-from solver_adapters.bundled.law.law import P_A1, P_C11, P_C12, P_C44
+from solver_adapters.bundled.law.law import P_A1
 from solver_adapters.bundled.law.small_lu import solve
 from solver_adapters.bundled.law.tensors import (
     NM,
@@ -21,6 +21,13 @@ from solver_adapters.bundled.law.tensors import (
 from solver_adapters.kernels import kernel
 
 from . import NS, simd_rows
+from .constant_derivatives import (
+    advance_constants,
+    constant_derivatives,
+    constant_rows,
+    elastic,
+    factor_derivatives,
+)
 from .finite_strain import (
     CONDENSED,
     CONJUGATE_SCHMID,
@@ -61,7 +68,6 @@ from .finite_strain import (
     resolve,
     stress_change,
 )
-from .law_terms import non_schmid_derivative
 from .simd_rows import (
     B_EXPLICIT,
     B_SLIP_END,
@@ -76,13 +82,9 @@ from .simd_rows import (
     sum9,
 )
 from .slip_derivatives import (
-    advance_constants,
     advance_states,
-    explicit_derivative,
     history_derivatives,
-    moving_systems,
     project_rows,
-    put_constants,
     slip_change,
     weigh_rows,
 )
@@ -204,11 +206,10 @@ def derivatives(
     w: FloatArray,
     b: FloatArray,
     moving: IntArray,
+    count: int,
     point: int,
     frame: int,
     p: FloatArray,
-    skin: float,
-    dt: float,
     exponential: bool,
     coupled: bool,
     first: int,
@@ -217,7 +218,7 @@ def derivatives(
     turn: IntArray,
     dframe: FloatArray,
     dp: FloatArray,
-    constant: BoolArray,
+    changes: BoolArray,
     skinned: IntArray,
     dskin: FloatArray,
     dstate: FloatArray,
@@ -226,7 +227,7 @@ def derivatives(
 ) -> None:
     """As `small_derivative.derivatives`, in finite strain."""
     first, width = bounded(first), bounded(width)
-    count = bounded(moving_systems(w, moving))
+    count = bounded(count)
     fetch(b, B_FP0, 9, dstate, first, width)
     simd_rows.left(b, B_SCRATCH, w, FT, B_FP0, False, width)
     simd_rows.right(b, B_GRADIENT, B_SCRATCH, w, UNDONE, False, width)
@@ -245,11 +246,12 @@ def derivatives(
     simd_rows.right(b, B_SCRATCH, B_SPIN, w, PIOLA, False, width)
     add(b, B_PIOLA, B_SCRATCH, 1.0, 9, width)
     history_derivatives(w, b, p, coupled, moving, count, dstate, first, width)
+    factor_derivatives(w, b, p, moving, count, point, skinned, dskin, first, width)
+    constant_derivatives(w, b, moving, count, changes, dp, first, width)
     for m in range(width):
         k = first + m
-        if not constant[k]:
-            shift = dskin[skinned[k], point]
-            _constants(w, b, moving, count, m, dt, p, skin, exponential, coupled, dp[k], shift)
+        if changes[k] and elastic(dp, k):
+            _elasticity(w, b, moving, count, m, p, dp[k])
     weigh_rows(w, b, coupled, moving, count, width)
     project_rows(w, b, SCHMID, B_LOAD, NM, moving, count, width)
     clear(b, B_MODES, 2 * NM, width)
@@ -282,45 +284,48 @@ def derivatives(
     store(b, B_STATE, 9, dstate, first, width)
     for m in range(width):
         k = first + m
-        if not constant[k]:
-            advance_constants(w, p, exponential, dp[k], moving, count, dstate, k)
+        if changes[k]:
+            advance_constants(w, p, exponential, dp, moving, count, dstate, k)
 
 
 @kernel
-def _constants(
+def constants(
     w: FloatArray,
-    b: FloatArray,
-    moving: IntArray,
-    count: int,
-    lane: int,
     dt: float,
     p: FloatArray,
     skin: float,
     exponential: bool,
     coupled: bool,
-    dp: FloatArray,
-    dskin: float,
+    asked: BoolArray,
 ) -> None:
-    """Add what a change of the constants makes at fixed slips to one lane."""
-    for s in range(NS):
-        w[EXPLICIT + s] = 0.0
-    if dp[P_C11] != 0.0 or dp[P_C12] != 0.0 or dp[P_C44] != 0.0:
-        # Change of Fe·S owed to the constants, its resolved shear stresses, its part of P.
-        cubic(w, TWO, STRAIN, dp, 1)
-        tensors.left(w, D_FE, FE, False, TWO, False, 1)
-        tensors.left(w, TWO, TRIAL, True, D_FE, False, 1)
-        to_modes(w, SCRATCH_MODES, TWO, 1)
-        drive(w, p, SCRATCH_MODES, EXPLICIT)
-        for s in range(NS):
-            w[EXPLICIT + s] *= w[SIGN + s]
-        tensors.left(w, TWO, D_FE, False, GAIN, True, 1)
-        tensors.left(w, D_FE, TWO, False, FP0, True, 1)
-        for i in range(9):
-            b[B_PIOLA + LANES * i + lane] += w[D_FE + i]
-    if dp[P_A1] != 0.0:
+    """As `small_derivative.constants`, in finite strain."""
+    if asked[P_A1]:
         to_modes(w, SCRATCH_MODES, CONJUGATE_STRESS, 1)
         resolve(w, CONJUGATE_SCHMID, SCRATCH_MODES, OTHER)
-        non_schmid_derivative(w, p, dp)
-    if count > 0:
-        explicit_derivative(w, dt, p, skin, exponential, coupled, dp, dskin)
-        put_constants(w, b, moving, count, lane)
+    constant_rows(w, dt, p, skin, exponential, coupled, asked)
+
+
+@kernel
+def _elasticity(
+    w: FloatArray,
+    b: FloatArray,
+    moving: IntArray,
+    count: int,
+    lane: int,
+    p: FloatArray,
+    dp: FloatArray,
+) -> None:
+    """Add what a change of the elastic constants makes at fixed slips to one lane."""
+    # Change of Fe·S owed to the constants, its resolved shear stresses, its part of P.
+    cubic(w, TWO, STRAIN, dp, 1)
+    tensors.left(w, D_FE, FE, False, TWO, False, 1)
+    tensors.left(w, TWO, TRIAL, True, D_FE, False, 1)
+    to_modes(w, SCRATCH_MODES, TWO, 1)
+    drive(w, p, SCRATCH_MODES, EXPLICIT)
+    for a in range(count):
+        s = moving[a]
+        b[B_EXPLICIT + LANES * a + lane] += w[SIGN + s] * w[EXPLICIT + s]
+    tensors.left(w, TWO, D_FE, False, GAIN, True, 1)
+    tensors.left(w, D_FE, TWO, False, FP0, True, 1)
+    for i in range(9):
+        b[B_PIOLA + LANES * i + lane] += w[D_FE + i]

@@ -106,11 +106,15 @@ class PointTangents:
     skinned: IntArray
     skin: FloatArray
 
-    @property
-    def constant(self) -> BoolArray:
-        """Whether a direction leaves the constants of the law alone, (k,)."""
-        moves: BoolArray = np.any(self.local != 0.0, axis=(0, 2)) | (self.skinned != 0)
-        return ~moves
+    @cached_property
+    def changes(self) -> BoolArray:
+        """Whether a direction changes a constant of the law of a grain, (n_grains, k)."""
+        return np.asarray(np.any(self.local != 0.0, axis=2))
+
+    @cached_property
+    def asked(self) -> BoolArray:
+        """Whether any direction changes a constant of the law of a grain, (n_grains, 17)."""
+        return np.asarray(np.any(self.local != 0.0, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,7 +312,8 @@ class Points:
             tangents.turn,
             tangents.frame,
             tangents.local,
-            tangents.constant,
+            tangents.changes,
+            tangents.asked,
             tangents.skinned,
             tangents.skin,
             out.state,

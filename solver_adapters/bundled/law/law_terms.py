@@ -22,8 +22,8 @@ from solver_adapters.kernels import kernel
 from . import NS
 from .workspace_layout import (
     ACC0,
+    BY_CONSTANT,
     COUPLED,
-    EXPLICIT,
     INTERACTION,
     LEFT2,
     OTHER,
@@ -120,41 +120,67 @@ def non_schmid(w: FloatArray, p: FloatArray) -> None:
 
 
 @kernel
-def hardening_derivative(w: FloatArray, p: FloatArray, coupled: bool, dp: FloatArray) -> None:
-    """Add to EXPLICIT what isotropic hardening owes to its constants."""
-    hard = hardens(p)
-    # Without hardening, or without latent hardening, the points count as uncoupled, but the
-    # derivative may be coupled.
-    whole = coupled or not hard or dp[P_LATENT] != 0.0
-    for r in range(NS):
-        total, rest = w[ACC0 + r] + w[SLIP + r], w[UNHARDENED + r]
-        if total == 0.0:
-            continue
-        rise, change = 1.0 - rest, rest * dp[P_B] * total
-        if whole:
-            for s in range(NS):
-                w[EXPLICIT + s] -= modulus_of(w, p, s, r) * change + modulus_of(w, dp, s, r) * rise
-        else:
-            w[EXPLICIT + r] -= p[P_Q] * change + dp[P_Q] * rise
+def hardening_by_q(w: FloatArray) -> None:
+    """Row of Q: h times what slip has saturated.
 
-
-@kernel
-def second_back_stress_derivative(
-    w: FloatArray, p: FloatArray, exponential: bool, dp: FloatArray
-) -> None:
-    """Add to EXPLICIT what the second back stress owes to its constants."""
-    c, d = p[P_C2], p[P_D2]
+    Systems without hardening count as uncoupled, but the first of it would be felt by all.
+    """
+    by = BY_CONSTANT + NS * P_Q
     for s in range(NS):
-        g, left = w[SLIP + s], w[LEFT2 + s]
-        start = w[SIGN + s] * w[X20 + s]
-        end = start * left + gained(left, g, d, exponential)
-        change = recall_slope(left, g, d, start, exponential) * dp[P_D2]
-        w[EXPLICIT + s] -= dp[P_C2] * end + c * change
+        total = 0.0
+        for r in range(NS):
+            total += w[INTERACTION + NS * s + r] * (1.0 - w[UNHARDENED + r])
+        w[by + s] = -total
 
 
 @kernel
-def non_schmid_derivative(w: FloatArray, p: FloatArray, dp: FloatArray) -> None:
-    """Add to EXPLICIT what the driving stress owes to a1, with OTHER as it is at the solution."""
-    for s in range(FIRST_112):
-        schmid = w[TAU + s] / schmid_factor(p)
-        w[EXPLICIT + s] += dp[P_A1] * (0.5 * w[SIGN + s] * schmid + w[OTHER + s])
+def hardening_by_latent(w: FloatArray) -> None:
+    """Row of latent hardening: what slip on all other systems has saturated."""
+    by, total = BY_CONSTANT + NS * P_LATENT, 0.0
+    for r in range(NS):
+        total += 1.0 - w[UNHARDENED + r]
+    for s in range(NS):
+        w[by + s] = 1.0 - w[UNHARDENED + s] - total
+
+
+@kernel
+def hardening_by_b(w: FloatArray, p: FloatArray, coupled: bool) -> None:
+    """Row of the rate b of isotropic hardening."""
+    by, Q = BY_CONSTANT + NS * P_B, p[P_Q]
+    if not coupled:
+        for s in range(NS):
+            w[by + s] = -Q * w[UNHARDENED + s] * (w[ACC0 + s] + w[SLIP + s])
+        return
+    for s in range(NS):
+        total = 0.0
+        for r in range(NS):
+            change = w[UNHARDENED + r] * (w[ACC0 + r] + w[SLIP + r])
+            total += modulus_of(w, p, s, r) * change
+        w[by + s] = -total
+
+
+@kernel
+def second_back_stress_by_c2(w: FloatArray, p: FloatArray, exponential: bool) -> None:
+    """Row of the modulus of the second back stress."""
+    by, d = BY_CONSTANT + NS * P_C2, p[P_D2]
+    for s in range(NS):
+        start = w[SIGN + s] * w[X20 + s]
+        w[by + s] = -(start * w[LEFT2 + s] + gained(w[LEFT2 + s], w[SLIP + s], d, exponential))
+
+
+@kernel
+def second_back_stress_by_d2(w: FloatArray, p: FloatArray, exponential: bool) -> None:
+    """Row of the recall of the second back stress."""
+    by, c, d = BY_CONSTANT + NS * P_D2, p[P_C2], p[P_D2]
+    for s in range(NS):
+        start = w[SIGN + s] * w[X20 + s]
+        w[by + s] = -c * recall_slope(w[LEFT2 + s], w[SLIP + s], d, start, exponential)
+
+
+@kernel
+def non_schmid_by_a1(w: FloatArray, p: FloatArray) -> None:
+    """Row of a1, with OTHER as it is at the solution."""
+    by, half = BY_CONSTANT + NS * P_A1, 0.5 / schmid_factor(p)
+    for s in range(NS):
+        driven = half * w[SIGN + s] * w[TAU + s] + w[OTHER + s]
+        w[by + s] = driven if s < FIRST_112 else 0.0

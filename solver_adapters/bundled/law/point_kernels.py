@@ -24,10 +24,12 @@ _CHUNKS = 16
 _small_update, _small_store = small_strain.update, small_strain.store
 _small_tangent, _small_prepare = small_strain.tangent, small_strain.prepare
 _small_response, _small_derivatives = small_derivative.response, small_derivative.derivatives
+_small_constants, _finite_constants = small_derivative.constants, finite_derivative.constants
 _finite_update, _finite_store = finite_strain.update, finite_strain.store
 _finite_tangent, _finite_prepare = finite_strain.tangent, finite_strain.prepare
 _finite_response, _finite_derivatives = finite_derivative.response, finite_derivative.derivatives
 _prepare_derivatives = slip_derivatives.prepare_derivatives
+_moving_systems = slip_derivatives.moving_systems
 _slip_gains = slip_derivatives.slip_gains
 _SMALL_SIZE, _FINITE_SIZE = small_strain.WORKSPACE, finite_strain.WORKSPACE
 _SMALL_LANES, _FINITE_LANES = small_derivative.LANES_SIZE, finite_derivative.LANES_SIZE
@@ -151,7 +153,8 @@ def derive_small(
     turn: IntArray,
     dframe: FloatArray,
     dlocal: FloatArray,
-    constant: BoolArray,
+    changes: BoolArray,
+    asked: BoolArray,
     skinned: IntArray,
     dskin: FloatArray,
     dstate: FloatArray,
@@ -185,19 +188,21 @@ def derive_small(
             _prepare_derivatives(w, local[g], exponential)
             _small_response(w, frame[f], local[g], coupled, by_slip[i], by_state[i])
             _slip_gains(w, local[g], exponential, gains[i])
+            count = _moving_systems(w, moving)
+            if count > 0:
+                _small_constants(w, dt, local[g], skin[i], exponential, coupled, asked[g])
             for block in range(blocks):
                 first = block * n_directions // blocks
                 _small_derivatives(
                     w,
                     b,
                     moving,
+                    count,
                     i,
                     H[i],
                     f,
                     frame[f],
                     local[g],
-                    skin[i],
-                    dt,
                     exponential,
                     coupled,
                     first,
@@ -206,7 +211,7 @@ def derive_small(
                     turn[g],
                     dframe,
                     dlocal[g],
-                    constant,
+                    changes[g],
                     skinned,
                     dskin,
                     dstate[i],
@@ -236,7 +241,8 @@ def derive_finite(
     turn: IntArray,
     dframe: FloatArray,
     dlocal: FloatArray,
-    constant: BoolArray,
+    changes: BoolArray,
+    asked: BoolArray,
     skinned: IntArray,
     dskin: FloatArray,
     dstate: FloatArray,
@@ -270,17 +276,19 @@ def derive_finite(
             _prepare_derivatives(w, local[g], exponential)
             _finite_response(w, local[g], coupled, by_slip[i], by_state[i])
             _slip_gains(w, local[g], exponential, gains[i])
+            count = _moving_systems(w, moving)
+            if count > 0:
+                _finite_constants(w, dt, local[g], skin[i], exponential, coupled, asked[g])
             for block in range(blocks):
                 first = block * n_directions // blocks
                 _finite_derivatives(
                     w,
                     b,
                     moving,
+                    count,
                     i,
                     f,
                     local[g],
-                    skin[i],
-                    dt,
                     exponential,
                     coupled,
                     first,
@@ -289,7 +297,7 @@ def derive_finite(
                     turn[g],
                     dframe,
                     dlocal[g],
-                    constant,
+                    changes[g],
                     skinned,
                     dskin,
                     dstate[i],

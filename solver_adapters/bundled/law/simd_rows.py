@@ -11,13 +11,14 @@ from solver_adapters.kernels import kernel
 
 from . import NS
 
-LANES = 32
+LANES = 64
 
 # Rows of the moving systems, one after the other; what stands for a system at rest is unused.
 B_EXPLICIT = 0  # derivative of the residual at fixed Δp
 B_STEP = B_EXPLICIT + NS * LANES  # change of the slips
 B_OVER = B_STEP + NS * LANES  # derivative of v at fixed Δp
-B_SLIP_END = B_OVER + NS * LANES
+B_FACTOR = B_OVER + NS * LANES  # derivative of the factor on τ0, 1
+B_SLIP_END = B_FACTOR + LANES
 
 
 @kernel

@@ -7,38 +7,27 @@ direction that changes one.
 
 from meshes.arrays import FloatArray, IntArray
 from solver_adapters.bundled.law.back_strain import growth, recall_slope, share_left
-from solver_adapters.bundled.law.fast_math import decay, fast_log
+from solver_adapters.bundled.law.fast_math import decay
 from solver_adapters.bundled.law.law import (
-    FIRST_112,
-    FIRST_123,
-    P_ASYMMETRY,
     P_B,
     P_C,
     P_C2,
     P_D,
     P_D2,
-    P_K,
     P_N,
-    P_TAU110,
-    P_TAU112,
-    P_TAU123,
 )
-from solver_adapters.bundled.law.relaxation import rate_change
 from solver_adapters.kernels import kernel
 
 from . import NS
 from .law_terms import (
-    hardening_derivative,
     hardens,
     modulus_of,
-    second_back_stress_derivative,
 )
 from .simd_rows import B_EXPLICIT, B_OVER, B_STEP, LANES, bounded, clear
 from .slip import weigh_residual
 from .state_layout import S_ACC, S_OVER, S_X, S_X2
 from .workspace_layout import (
     ACC0,
-    D_OVER,
     D_TAU,
     EXPLICIT,
     FALL,
@@ -49,10 +38,8 @@ from .workspace_layout import (
     LEFT,
     LEFT2,
     OVER0,
-    OVER_CHANGE,
     OVER_GAIN,
     RECALL,
-    SENSE,
     SIGN,
     SLIP,
     UNHARDENED,
@@ -61,7 +48,6 @@ from .workspace_layout import (
     WEIGHTS,
     X0,
     X20,
-    XHAT,
 )
 
 
@@ -95,30 +81,6 @@ def moving_systems(w: FloatArray, moving: IntArray) -> int:
             moving[count] = s
             count += 1
     return count
-
-
-@kernel
-def explicit_derivative(
-    w: FloatArray,
-    dt: float,
-    p: FloatArray,
-    skin: float,
-    exponential: bool,
-    coupled: bool,
-    dp: FloatArray,
-    dskin: float,
-) -> None:
-    """Add to EXPLICIT what the residual owes to a change of the constants at fixed Δp and τ.
-
-    D_OVER is set to the part of it that the overstress makes.
-    """
-    for s in range(NS):
-        w[D_OVER + s] = 0.0
-    _constants_derivative(w, dt, p, skin, exponential, dp, dskin)
-    if hardens(dp) or (hardens(p) and dp[P_B] != 0.0):
-        hardening_derivative(w, p, coupled, dp)
-    if w[HAS_SECOND] != 0.0 and (dp[P_C2] != 0.0 or dp[P_D2] != 0.0):
-        second_back_stress_derivative(w, p, exponential, dp)
 
 
 @kernel
@@ -160,15 +122,6 @@ def history_derivatives(
 
 
 @kernel
-def put_constants(w: FloatArray, b: FloatArray, moving: IntArray, count: int, lane: int) -> None:
-    """Add EXPLICIT and D_OVER of one direction to its lane."""
-    for a in range(count):
-        s = moving[a]
-        b[B_EXPLICIT + LANES * a + lane] += w[EXPLICIT + s]
-        b[B_OVER + LANES * a + lane] += w[D_OVER + s]
-
-
-@kernel
 def weigh_rows(
     w: FloatArray, b: FloatArray, coupled: bool, moving: IntArray, count: int, width: int
 ) -> None:
@@ -205,56 +158,6 @@ def project_rows(
             factor, t = sign * w[schmid + NS * k + s], target + LANES * k
             for m in range(width):
                 b[t + m] += factor * b[source + m]
-
-
-@kernel
-def _of_family(p: FloatArray, s: int) -> float:
-    """Return the entry of constants (17,) that is the τ0 of the family of a slip system."""
-    found: float = p[P_TAU123]
-    if s < FIRST_112:
-        found = p[P_TAU110]
-    elif s < FIRST_123:
-        found = p[P_TAU112]
-    return found
-
-
-@kernel
-def _constants_derivative(
-    w: FloatArray,
-    dt: float,
-    p: FloatArray,
-    skin: float,
-    exponential: bool,
-    dp: FloatArray,
-    dskin: float,
-) -> None:
-    """Add what EXPLICIT and D_OVER owe to K, n, c, d and the initial resistance."""
-    K, n, c = p[P_K], p[P_N], p[P_C]
-    for s in range(NS):
-        sign = w[SIGN + s]
-        d_tau0 = skin * _of_family(dp, s)
-        d_tau0 -= sign * skin * dp[P_ASYMMETRY] * w[SENSE + s]
-        d_tau0 += dskin * _of_family(p, s)
-        d_tau0 -= sign * dskin * p[P_ASYMMETRY] * w[SENSE + s]
-        w[EXPLICIT + s] -= dp[P_C] * w[XHAT + s] + c * w[RECALL + s] * dp[P_D] + d_tau0
-    if dp[P_K] == 0.0 and dp[P_N] == 0.0:
-        return
-    for s in range(NS):
-        g = max(w[SLIP + s], 1e-30)
-        change = dp[P_K] / K - dp[P_N] * fast_log(g / dt) / (n * n)
-        w[OVER_CHANGE + s] = w[VISCOUS + s] * change
-    if exponential:
-        for s in range(NS):
-            r = w[FALL + s]
-            falls = r > 0.0
-            v0 = w[SIGN + s] * w[OVER0 + s] if falls else 1.0
-            e_a = decay((n - 1.0) * r)
-            fall = n * dp[P_K] / K + dp[P_N] * (rate_change(r, e_a, n) - fast_log(v0 / K))
-            change = w[VISCOUS + s] * fall / w[FALL_SLOPE + s]
-            w[OVER_CHANGE + s] = change if falls else w[OVER_CHANGE + s]
-    for s in range(NS):
-        w[D_OVER + s] += w[OVER_CHANGE + s]
-        w[EXPLICIT + s] -= w[OVER_CHANGE + s]
 
 
 @kernel
@@ -320,27 +223,3 @@ def advance_states(
         if w[WEIGHT + s] == 0.0 and w[OVER0 + s] != 0.0:
             for m in range(width):
                 dstate[S_OVER + s, first + m] = 0.0
-
-
-@kernel
-def advance_constants(
-    w: FloatArray,
-    p: FloatArray,
-    exponential: bool,
-    dp: FloatArray,
-    moving: IntArray,
-    count: int,
-    dstate: FloatArray,
-    column: int,
-) -> None:
-    """Add what constants change of the back strains at fixed slips, along one direction."""
-    if dp[P_D] != 0.0:
-        for a in range(count):
-            s = moving[a]
-            dstate[S_X + s, column] += w[SIGN + s] * w[RECALL + s] * dp[P_D]
-    if dp[P_D2] != 0.0 and dstate.shape[0] > S_X2:
-        for a in range(count):
-            s = moving[a]
-            sign, left = w[SIGN + s], w[LEFT2 + s]
-            recall = recall_slope(left, w[SLIP + s], p[P_D2], sign * w[X20 + s], exponential)
-            dstate[S_X2 + s, column] += sign * recall * dp[P_D2]

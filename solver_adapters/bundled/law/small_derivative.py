@@ -10,7 +10,13 @@ from solver_adapters.bundled.law.small_lu import solve_five
 from solver_adapters.kernels import kernel
 
 from . import NS
-from .law_terms import non_schmid_derivative
+from .constant_derivatives import (
+    advance_constants,
+    constant_derivatives,
+    constant_rows,
+    elastic,
+    factor_derivatives,
+)
 from .simd_rows import (
     B_EXPLICIT,
     B_SLIP_END,
@@ -23,13 +29,9 @@ from .simd_rows import (
     sum9,
 )
 from .slip_derivatives import (
-    advance_constants,
     advance_states,
-    explicit_derivative,
     history_derivatives,
-    moving_systems,
     project_rows,
-    put_constants,
     slip_change,
     weigh_rows,
 )
@@ -50,7 +52,7 @@ from .small_strain import (
     resolve,
     strain_modes,
 )
-from .workspace_layout import D_TAU, EXPLICIT, OTHER, SIGN, STEP
+from .workspace_layout import D_TAU, OTHER, SIGN, STEP
 
 B_H = B_SLIP_END  # derivative of H, 9
 B_TRIAL = B_H + 9 * LANES  # of e* and the trace mode, 6
@@ -112,13 +114,12 @@ def derivatives(
     w: FloatArray,
     b: FloatArray,
     moving: IntArray,
+    count: int,
     point: int,
     H: FloatArray,
     frame: int,
     V: FloatArray,
     p: FloatArray,
-    skin: float,
-    dt: float,
     exponential: bool,
     coupled: bool,
     first: int,
@@ -127,7 +128,7 @@ def derivatives(
     turn: IntArray,
     dframe: FloatArray,
     dp: FloatArray,
-    constant: BoolArray,
+    changes: BoolArray,
     skinned: IntArray,
     dskin: FloatArray,
     dstate: FloatArray,
@@ -139,24 +140,27 @@ def derivatives(
     dstate is that at the start of the step and becomes that at its end, with H as dH has it.
 
     b: lanes of the directions; moving: room for the systems that move; point and frame: rows of
-    dskin and dframe; constant: whether a direction leaves the constants alone; turn: whether, and
-    how, it turns the crystal; gains: of `slip_derivatives.slip_gains`. The others are those of
+    dskin and dframe; changes: whether a direction changes a constant; turn: whether, and how, it
+    turns the crystal; gains: of `slip_derivatives.slip_gains`. The others are those of
     `Points.derive` at this point.
     """
     first, width = bounded(first), bounded(width)
     mu0, mu1 = p[P_C11] - p[P_C12], 2.0 * p[P_C44]
-    count = bounded(moving_systems(w, moving))
+    count = bounded(count)
     _trial_rows(w, b, H, frame, V, first, width, dH, turn, dframe)
     for k in range(5):
         mu, t, stress = mu0 if k < 2 else mu1, B_TRIAL + LANES * k, B_STRESS + LANES * k
         for m in range(width):
             b[stress + m] = mu * (b[t + m] - dstate[k, first + m])
     history_derivatives(w, b, p, coupled, moving, count, dstate, first, width)
+    factor_derivatives(w, b, p, moving, count, point, skinned, dskin, first, width)
+    constant_derivatives(w, b, moving, count, changes, dp, first, width)
     for m in range(width):
         k = first + m
-        if not constant[k]:
-            shift = dskin[skinned[k], point]
-            _constants(w, b, moving, count, m, dt, p, skin, exponential, coupled, dp[k], shift)
+        if changes[k] and elastic(dp, k):
+            dmu0, dmu1 = dp[k, P_C11] - dp[k, P_C12], 2.0 * dp[k, P_C44]
+            for i in range(5):
+                b[B_STRESS + LANES * i + m] += (dmu0 if i < 2 else dmu1) * w[ELASTIC + i]
     driving = DRIVING if p[P_A1] != 0.0 else SCHMID
     for a in range(count):
         s = moving[a]
@@ -183,8 +187,10 @@ def derivatives(
                 dstate[k, first + m] = b[t + m] - b[stress + m] / mu
     for m in range(width):
         k = first + m
-        if not constant[k]:
-            _constants_after_slip(w, b, moving, count, m, p, exponential, dp[k], dstate, k)
+        if changes[k]:
+            advance_constants(w, p, exponential, dp, moving, count, dstate, k)
+            if elastic(dp, k):
+                _elasticity_after_slip(w, b, count, m, p, dp, dstate, k)
     _stress_rows(w, b, frame, V, bulk, first, width, turn, dframe, dP)
 
 
@@ -251,56 +257,39 @@ def _stress_rows(
 
 
 @kernel
-def _constants(
+def constants(
     w: FloatArray,
-    b: FloatArray,
-    moving: IntArray,
-    count: int,
-    lane: int,
     dt: float,
     p: FloatArray,
     skin: float,
     exponential: bool,
     coupled: bool,
-    dp: FloatArray,
-    dskin: float,
+    asked: BoolArray,
 ) -> None:
-    """Add what a change of the constants makes at fixed slips to one lane."""
-    dmu0, dmu1 = dp[P_C11] - dp[P_C12], 2.0 * dp[P_C44]
-    for k in range(5):
-        b[B_STRESS + LANES * k + lane] += (dmu0 if k < 2 else dmu1) * w[ELASTIC + k]
-    if count == 0:
-        return
-    for s in range(NS):
-        w[EXPLICIT + s] = 0.0
-    if dp[P_A1] != 0.0:
+    """Write the rows of the constants that are asked for, see `constant_rows`."""
+    if asked[P_A1]:
         resolve(w, CONJUGATE_SCHMID, STRESS, OTHER)
-        non_schmid_derivative(w, p, dp)
-    explicit_derivative(w, dt, p, skin, exponential, coupled, dp, dskin)
-    put_constants(w, b, moving, count, lane)
+    constant_rows(w, dt, p, skin, exponential, coupled, asked)
 
 
 @kernel
-def _constants_after_slip(
+def _elasticity_after_slip(
     w: FloatArray,
     b: FloatArray,
-    moving: IntArray,
     count: int,
     lane: int,
     p: FloatArray,
-    exponential: bool,
     dp: FloatArray,
     dstate: FloatArray,
     column: int,
 ) -> None:
-    """Write what the same change makes of the state and of the pressure."""
-    b[B_STRESS + 5 * LANES + lane] += (dp[P_C11] + 2.0 * dp[P_C12]) * w[VOLUME]
+    """Write what a change of the elastic constants makes of the state and of the pressure."""
+    dC11, dC12, dC44 = dp[column, P_C11], dp[column, P_C12], dp[column, P_C44]
+    b[B_STRESS + 5 * LANES + lane] += (dC11 + 2.0 * dC12) * w[VOLUME]
     if count == 0:
         return
-    advance_constants(w, p, exponential, dp, moving, count, dstate, column)
     mu0, mu1 = p[P_C11] - p[P_C12], 2.0 * p[P_C44]
-    dmu0, dmu1 = dp[P_C11] - dp[P_C12], 2.0 * dp[P_C44]
     for k in range(5):
-        mu, dmu = (mu0, dmu0) if k < 2 else (mu1, dmu1)
+        mu, dmu = (mu0, dC11 - dC12) if k < 2 else (mu1, 2.0 * dC44)
         stress = b[B_STRESS + LANES * k + lane] - dmu * w[ELASTIC + k]
         dstate[k, column] = b[B_TRIAL + LANES * k + lane] - stress / mu

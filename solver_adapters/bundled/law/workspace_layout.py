@@ -5,6 +5,8 @@ the rows do not overlap and vectorises the loops over systems. It does so where 
 a short body is unrolled first and then stays scalar, hence sums over systems in one loop each.
 """
 
+from solver_adapters.bundled.law.law import N_LOCAL
+
 from . import NS
 
 # Rows of NS numbers each but where said.
@@ -33,26 +35,25 @@ STEP = 21 * NS  # change of the slips: weights times a residual or its derivativ
 X20 = 22 * NS  # second back strain at the start of the step
 X2HAT = 23 * NS  # S_s times the second back strain at the end of the step
 OTHER = 24 * NS  # shear stress on the conjugate plane (non-Schmid)
-D_OVER = 25 * NS  # derivative of v at fixed Δp
-SLIP0 = 26 * NS  # slip of the step at the overstress of its start
-FALLEN = 27 * NS  # overstress at the end of a relaxation
-FALL_SLOPE = 28 * NS  # −∂ ln Δp/∂r
-LEFT = 29 * NS  # share of the back strain that the step leaves, for derivatives as the next five
-RECALL = 30 * NS  # ∂(S x)/∂d
-GROWTH = 31 * NS  # ∂(S x)/∂Δp
-HISTORY = 32 * NS  # c ∂(S x)/∂x⁰
-OVER_GAIN = 33 * NS  # ∂v/∂(S⁰ v⁰) at fixed Δp
-UNHARDENED = 34 * NS  # e^(−b p)
-LOG_RATIO = 35 * NS  # ln(Δp/SLIP0) of a system that begins to relax
-AHEAD = 36 * NS  # residual after the change of τ at fixed Δp
-OVER_CHANGE = 37 * NS  # the part of D_OVER that K and n make
-LEFT2 = 38 * NS  # share of the second back strain that the step leaves
-EXCESS = 39 * NS  # stress on a system at rest above its resistance
-EASED = 40 * NS  # e^(−r)
-EASED_RATE = 41 * NS  # e^(−(n − 1) r)
-INTERACTION = 42 * NS  # h, NS × NS
+SLIP0 = 25 * NS  # slip of the step at the overstress of its start
+FALLEN = 26 * NS  # overstress at the end of a relaxation
+FALL_SLOPE = 27 * NS  # −∂ ln Δp/∂r
+LEFT = 28 * NS  # share of the back strain that the step leaves, for derivatives as the next five
+RECALL = 29 * NS  # ∂(S x)/∂d
+GROWTH = 30 * NS  # ∂(S x)/∂Δp
+HISTORY = 31 * NS  # c ∂(S x)/∂x⁰
+OVER_GAIN = 32 * NS  # ∂v/∂(S⁰ v⁰) at fixed Δp
+UNHARDENED = 33 * NS  # e^(−b p)
+LOG_RATIO = 34 * NS  # ln(Δp/SLIP0) of a system that begins to relax
+AHEAD = 35 * NS  # residual after the change of τ at fixed Δp
+LEFT2 = 36 * NS  # share of the second back strain that the step leaves
+EXCESS = 37 * NS  # stress on a system at rest above its resistance
+EASED = 38 * NS  # e^(−r)
+EASED_RATE = 39 * NS  # e^(−(n − 1) r)
+INTERACTION = 40 * NS  # h, NS × NS
 COUPLED = INTERACTION + NS * NS  # −∂residual/∂Δp with its off-diagonal terms, then its factors
 WEIGHTS = COUPLED + NS * NS  # its inverse, null for systems at rest
 SENSE = WEIGHTS + NS * NS  # +1 where positive slip is in the twinning sense, −1 against it
-HAS_SECOND = SENSE + NS  # 1 where the state carries a second back strain
+BY_CONSTANT = SENSE + NS  # derivative of the residual by each constant at fixed Δp, N_LOCAL × NS
+HAS_SECOND = BY_CONSTANT + N_LOCAL * NS  # 1 where the state carries a second back strain
 N_SLIP_ROWS = HAS_SECOND + 1

@@ -27,6 +27,10 @@ def row(w: FloatArray, offset: int) -> FloatArray:
     return w[offset : offset + NS]
 
 
+def by_constant(w: FloatArray, constant: int) -> FloatArray:
+    return row(w, rows.BY_CONSTANT + NS * constant)
+
+
 def workspace(coupled: bool = True) -> FloatArray:
     w = np.zeros(rows.N_SLIP_ROWS + 3 * 5 * NS)
     given = {

@@ -9,7 +9,6 @@ from solver_adapters.bundled.law import NS, law_terms
 from solver_adapters.bundled.law import workspace_layout as rows
 from solver_adapters.bundled.law.law import (
     FIRST_112,
-    N_LOCAL,
     P_A1,
     P_B,
     P_C2,
@@ -31,6 +30,7 @@ from tests.solver_adapters.bundled.slip_workspace import (
     SLIP,
     STEP,
     TAU,
+    by_constant,
     constants,
     hardening,
     moduli,
@@ -62,26 +62,28 @@ def test_hardening_and_its_slopes(coupled: bool) -> None:
 @pytest.mark.parametrize("name", ["Q", "b", "latent"])
 def test_the_derivative_of_hardening_is_that_of_the_complex_step(name: str, coupled: bool) -> None:
     w, p = workspace(coupled), constants(coupled)
-    dp, turned = np.zeros(N_LOCAL), p.astype(complex)
+    turned = p.astype(complex)
     row(w, rows.UNHARDENED)[:] = np.exp(-p[P_B] * (ACCUMULATED + SLIP))
     index = {"Q": P_Q, "b": P_B, "latent": P_LATENT}[name]
-    dp[index] = 0.7
-    turned[index] += 1j * STEP * 0.7
-    kernels.hardening_derivative(w, p, coupled, dp)
+    turned[index] += 1j * STEP
+    if name == "b":
+        kernels.hardening_by_b(w, p, coupled)
+    else:
+        (kernels.hardening_by_q if name == "Q" else kernels.hardening_by_latent)(w)
     expected = -hardening(turned, ACCUMULATED + SLIP, coupled).imag / STEP
-    np.testing.assert_allclose(row(w, rows.EXPLICIT), expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(by_constant(w, index), expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("index", [P_Q, P_LATENT], ids=["Q", "latent"])
 def test_the_first_hardening_of_a_law_without_any_is_felt_by_all_systems(index: int) -> None:
     """Without any points count as uncoupled, but the derivative is that of their matrix."""
-    w, p, dp = workspace(), constants(), np.zeros(N_LOCAL)
-    p[[P_Q, P_LATENT]], dp[index] = 0.0, 1.0
+    w, p = workspace(), constants()
+    p[[P_Q, P_LATENT]] = 0.0
     row(w, rows.UNHARDENED)[:] = np.exp(-p[P_B] * (ACCUMULATED + SLIP))
-    kernels.hardening_derivative(w, p, False, dp)
+    (kernels.hardening_by_q if index == P_Q else kernels.hardening_by_latent)(w)
     p[index] = 1.0
     expected = -hardening(p, ACCUMULATED + SLIP, True)
-    np.testing.assert_allclose(row(w, rows.EXPLICIT), expected, rtol=1e-13)
+    np.testing.assert_allclose(by_constant(w, index), expected, rtol=1e-13)
 
 
 @SCHEMES
@@ -107,15 +109,17 @@ def test_the_second_back_stress_resists_moving_systems_and_shifts_those_at_rest(
 def test_the_derivative_of_the_second_back_stress_is_that_of_the_complex_step(
     name: str, exponential: bool
 ) -> None:
-    w, p, dp = workspace(), constants(), np.zeros(N_LOCAL)
+    w, p = workspace(), constants()
     turned = p.astype(complex)
     index = {"c2": P_C2, "d2": P_D2}[name]
-    dp[index] = 0.7
-    turned[index] += 1j * STEP * 0.7
+    turned[index] += 1j * STEP
     row(w, rows.LEFT2)[:] = second_left(p, exponential)
-    kernels.second_back_stress_derivative(w, p, exponential, dp)
+    if name == "c2":
+        kernels.second_back_stress_by_c2(w, p, exponential)
+    else:
+        kernels.second_back_stress_by_d2(w, p, exponential)
     expected = -(turned[P_C2] * second(turned, SIGN * SECOND, exponential)).imag / STEP
-    found = row(w, rows.EXPLICIT)
+    found = by_constant(w, index)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * abs(expected).max())
 
 
@@ -142,9 +146,8 @@ def test_non_schmid_stress_drives_110_as_its_tensors_do_and_leaves_112_alone() -
 
 
 def test_the_derivative_along_a1_is_linear_in_the_stresses() -> None:
-    w, p, dp = workspace(), constants(), np.zeros(N_LOCAL)
-    dp[P_A1] = 0.7
+    w, p = workspace(), constants()
     kernels.non_schmid(w, p)
-    kernels.non_schmid_derivative(w, p, dp)
-    expected = np.where(np.arange(NS) < FIRST_112, 0.7 * (0.5 * SIGN * TAU + OTHER), 0.0)
-    np.testing.assert_allclose(row(w, rows.EXPLICIT), expected, atol=1e-13)
+    kernels.non_schmid_by_a1(w, p)
+    expected = np.where(np.arange(NS) < FIRST_112, 0.5 * SIGN * TAU + OTHER, 0.0)
+    np.testing.assert_allclose(by_constant(w, P_A1), expected, atol=1e-13)
