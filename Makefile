@@ -66,8 +66,10 @@ $(VENV)/installed: pyproject.toml | $(VENV)/bin/python
 	$(VENV)/bin/python -I meshes/system_libraries.py
 	touch $@
 
-$(VENV)/installed-dev: $(VENV)/installed
+$(VENV)/installed-dev: $(VENV)/installed Makefile
 	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	# The benchmarks are scripts that share modules with each other and with the tests.
+	$(VENV)/bin/python -c 'import pathlib, sysconfig; pathlib.Path(sysconfig.get_path("purelib"), "prismid_checkout.pth").write_text("$(CURDIR)\n")'
 	touch $@
 
 $(VENV)/bin/python:
