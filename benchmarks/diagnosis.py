@@ -12,7 +12,8 @@ import argparse
 import json
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from time import process_time
 
@@ -22,6 +23,7 @@ from driver.case.model import load_case
 from driver.common.progress import progress_to
 from driver.diagnosis.statistics.screening import screened
 from driver.experiment.history import knot_weights, read_history
+from driver.forward.model import ForwardModel, Values
 from driver.parameters.boundary import LAMBDAS
 from driver.results.files import RESULTS
 from driver.results.hdf5 import read_hdf5
@@ -73,14 +75,7 @@ def screening(case: Path, repeats: int) -> None:
 
     The diagnosis repeats the simulation of the identification by the way that it took.
     """
-    results = case.parent / RESULTS
-    context = StageContext(load_case(case), results, results)
-    problem = load_problem(context)
-    free = (*LAMBDAS, *problem.knots, *problem.law)
-    _, names = screened(problem.working, free, None)
-    model, start = problem.working, problem.start
-    first = model.predict(start).response  # and kernels are loaded
-    again = model.with_time_steps_of(first.ends, start).warm_started_from(first.trajectory, start)
+    model, again, start, free, names = _screened(case)
     works = {
         "plain": lambda: model.predict(start),
         "fitted": lambda: again.predict(start, free),
@@ -95,6 +90,33 @@ def screening(case: Path, repeats: int) -> None:
         f"screening among all causes, {len(names)} parameters [simulations] = "
         f"{every / plain:.2f} (goal: <= 2.5)"
     )
+
+
+def screened_simulations(case: Path, numbers: Sequence[int]) -> dict[int, float]:
+    """CPU time [s] of a simulation with so many of the parameters of the screening, best of three.
+
+    The first are those of the fit; those of the causes follow.
+    """
+    _, again, start, _, names = _screened(case)
+    times = [
+        {n: cpu_of(partial(again.predict, start, names[:n])) for n in numbers} for _ in range(3)
+    ]
+    return {n: min(t[n] for t in times) for n in numbers}
+
+
+def _screened(
+    case: Path,
+) -> tuple[ForwardModel, ForwardModel, Values, tuple[str, ...], tuple[str, ...]]:
+    """Return the working model, the same with its way known, the start, fitted and all names."""
+    results = case.parent / RESULTS
+    context = StageContext(load_case(case), results, results)
+    problem = load_problem(context)
+    free = (*LAMBDAS, *problem.knots, *problem.law)
+    _, names = screened(problem.working, free, None)
+    model, start = problem.working, problem.start
+    first = model.predict(start).response  # and kernels are loaded
+    again = model.with_time_steps_of(first.ends, start).warm_started_from(first.trajectory, start)
+    return model, again, start, free, tuple(names)
 
 
 def cpu_of(work: Callable[[], object]) -> float:

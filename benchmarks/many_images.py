@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,12 +13,11 @@ import tifffile
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from benchmarks.measuring import show
 from driver.case.model import load_case, write_case
 from driver.common.splines.images import spline_images
 from meshes.arrays import FloatArray
 
-MANY = (500, 2000)  # images
+MANY = (100, 500, 2000)  # images
 _SIDE, _PIXEL = 557, 0.025  # px of an image; µm
 _ORIGIN = (278.0, 38.0)  # px; a face of 12 × 4 µm has 480 × 160 of them
 _LEVEL, _NOISE, _RELIEF = 6.5, 9.0, 45.0  # nm; of 8 bits
@@ -74,13 +72,3 @@ def memory_of_images(n_images: int) -> tuple[float, float]:
         if status:
             raise RuntimeError(f"{' '.join(command)} ended with status {status}")
     return used.ru_maxrss * 1024 / 1e9, used.ru_utime + used.ru_stime
-
-
-def show_images(numbers: Sequence[int]) -> None:
-    """Print what so many images take."""
-    for number in numbers:
-        memory, seconds = memory_of_images(number)
-        what = f"{number} images of {_SIDE}^2 through measure"
-        goal = "<= 2" if number == MANY[-1] else None
-        show(f"{what}, peak memory [GB]", memory, goal)
-        show(f"{what}, CPU time of an image [s]", seconds / number)

@@ -1,7 +1,7 @@
 """What many jobs cost beside their work: tasks side by side, cases of a campaign, a cluster.
 
     python -m benchmarks.scale           1, 10, 100 and 1000 tasks, a campaign, a cluster in small,
-                                         `measure` with 500 and 2000 images of 557²
+                                         and how costs grow with images, causes and workers
     python -m benchmarks.scale --quick   10 and 100 tasks, and the start of one case
 
 Wall-clock times, which hold on free cores alone.
@@ -17,7 +17,6 @@ import time
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from driver.common.parallel import side_by_side
 
@@ -85,22 +84,17 @@ def campaign(number: int) -> float:
         return (time.perf_counter() - begin) / number
 
 
-def many_images() -> Any:
-    """Return the study of the number of images."""
-    return import_module("benchmarks.many_images")
-
-
 def main() -> None:
     """Run the study."""
     from benchmarks.measuring import show
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="end within 45 s")
-    parser.add_argument("--images", type=int, nargs="+", help="memory of so many images alone")
+    parser.add_argument("--growth", action="store_true", help="how costs grow, alone")
     arguments = parser.parse_args()
     quick = arguments.quick
-    if arguments.images:
-        many_images().show_images(arguments.images)
+    if arguments.growth:
+        import_module("benchmarks.growth").show_all()
         return
     processes = os.cpu_count() or 1
     for number in (10, 100) if quick else (1, 10, 100, 1000):
@@ -113,7 +107,7 @@ def main() -> None:
         show(f"campaign of {_CASES} cases that mesh: wall-clock time of each [s]",
              campaign(_CASES))  # fmt: skip
         import_module("benchmarks.cluster_plan").show_plan()
-        many_images().show_images(many_images().MANY)
+        import_module("benchmarks.growth").show_all()
 
 
 if __name__ == "__main__":
