@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse.linalg import splu
 
 from meshes.arrays import FloatArray
 from solver_adapters.bundled.linear.split_matrix import Backsolve, TwoTriangles, column_norms
-from solver_adapters.cholesky import singular
 from solver_adapters.interface import SolverError
 
 REFINEMENTS = 2
@@ -61,24 +59,3 @@ def refined(
         f"linear system of {matrix.n} unknowns: relative residual {error:.1e}, expected at most "
         f"{accuracy:.0e}, or what rounding leaves: the matrix is too ill-conditioned"
     )
-
-
-def superlu(matrix: TwoTriangles) -> Backsolve:
-    """Factor with SuperLU, in whose symmetric mode pivots stay near the diagonal.
-
-    Raises:
-        LinearSolverError: the matrix is singular.
-    """
-    try:
-        factors = splu(
-            matrix.full(),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.01,
-            options={"SymmetricMode": True},
-        )
-    except RuntimeError as error:
-        raise LinearSolverError(f"singular matrix of {matrix.n} unknowns") from error
-    if singular(np.abs(factors.U.diagonal())):
-        raise LinearSolverError(f"singular matrix of {matrix.n} unknowns")
-    backsolve: Backsolve = factors.solve
-    return backsolve

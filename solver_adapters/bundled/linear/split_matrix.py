@@ -72,6 +72,10 @@ class TwoTriangles:
         absolute = TwoTriangles(self._indptr, self._indices, np.abs(self.lower), np.abs(self.upper))
         return absolute.product(np.abs(x))
 
+    def positions(self) -> tuple[IntArray, IntArray]:
+        """Row and column of each value of the lower triangle, each (nnz,)."""
+        return self._indices, np.repeat(np.arange(self.n), np.diff(self._indptr))
+
     def full(self) -> sp.csc_array:
         """Return the matrix with both triangles in one."""
         diagonal = sp.diags_array(self.lower[self._indptr[:-1]])

@@ -13,9 +13,9 @@ from solver_adapters.bundled.linear.residual_check import (
     checked_columns,
     copy_values,
     refined,
-    superlu,
 )
 from solver_adapters.bundled.linear.split_matrix import RESIDUAL, Backsolve, TwoTriangles
+from solver_adapters.bundled.linear.superlu import SuperLU
 from solver_adapters.cholesky import Cholesky
 
 
@@ -44,6 +44,7 @@ class SymmetricSolver:
         self._cholesky = Cholesky(indptr, indices, order)
         values = self._cholesky.values
         self._matrix = TwoTriangles(indptr, indices, values, values)
+        self._superlu = SuperLU(self._matrix)
         self._backsolve: Backsolve | None = None
         self._price = iterations_for_factor(len(indptr) - 1)
         # Since the last factorisation: solutions, what they cost, and what the last of them cost.
@@ -138,7 +139,7 @@ class SymmetricSolver:
     def _fall_back(self) -> None:
         self._backsolve = None
         self.fallbacks += 1
-        self._backsolve = superlu(self._matrix)
+        self._backsolve = self._superlu.factor()
 
     def _iterate(self, rhs: FloatArray, accuracy: float) -> FloatArray | None:
         """Solution (n, 1) by conjugate gradients with the old factor, or None."""

@@ -1,7 +1,7 @@
 """Sparse systems with a symmetric pattern and unsymmetric values, every solve checked.
 
 The symmetric part is factored as by `SymmetricSolver`, and the true solution is iterated to; where
-that fails, SuperLU factors the whole.
+that does not pay, SuperLU factors the whole.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from solver_adapters.bundled.linear.residual_check import (
     checked_columns,
     copy_values,
     refined,
-    superlu,
 )
 from solver_adapters.bundled.linear.split_matrix import RESIDUAL, Backsolve, TwoTriangles
+from solver_adapters.bundled.linear.superlu import SuperLU
 from solver_adapters.cholesky import Cholesky
 
 DIAGONAL = 1e-10
@@ -49,8 +49,10 @@ class UnsymmetricSolver:
         lower, upper = np.zeros(len(indices)), np.zeros(len(indices))
         self._skew = np.zeros(len(indices))
         self._matrix = TwoTriangles(indptr, indices, lower, upper)
+        self._superlu = SuperLU(self._matrix)
         self._ready = False
         self._whole: Backsolve | None = None
+        self._too_many = np.inf
         self.iterations = self.fallbacks = 0
 
     def factor(self, symmetric: FloatArray, skew: FloatArray) -> None:
@@ -86,7 +88,9 @@ class UnsymmetricSolver:
         """Solve A x = rhs with the values of the last `factor`.
 
         The residual is that of A. Every column is accepted or refused as by
-        `SymmetricSolver.solve`; where the iteration does not arrive soon, SuperLU factors A.
+        `SymmetricSolver.solve`; where the iteration does not arrive soon, SuperLU factors A. As
+        many columns as it has not arrived with, and more, go there at once from then on: the next
+        matrix is much like this one.
 
         Args:
             rhs: right-hand sides, shape (n,) or (n, m).
@@ -103,13 +107,14 @@ class UnsymmetricSolver:
         columns = checked_columns(rhs, self._matrix.n)
         if not self._ready:
             raise RuntimeError("solve needs a successful call of factor first")
-        if self._whole is None:
+        number = columns.shape[1]
+        if self._whole is None and number < self._too_many:
             solution = self._iterate(columns, accuracy)
             if solution is not None:
                 return solution.reshape(rhs.shape)
-            whole = self._fall_back()
-        else:
-            whole = self._whole
+            # A single one is tried again: the factor of S costs a fraction of that of A.
+            self._too_many = number if number > 1 else self._too_many
+        whole = self._fall_back() if self._whole is None else self._whole
         solution, error = refined(self._matrix, columns, whole, accuracy)
         if error is not None:
             raise LinearSolverError(error)
@@ -128,7 +133,7 @@ class UnsymmetricSolver:
 
     def _fall_back(self) -> Backsolve:
         self.fallbacks += 1
-        self._whole = superlu(self._matrix)
+        self._whole = self._superlu.factor()
         return self._whole
 
 

@@ -9,17 +9,13 @@ import pytest
 
 from meshes.arrays import FloatArray
 from solver_adapters.bundled.linear.residual_check import (
-    LinearSolverError,
     checked_columns,
     copy_values,
     refined,
-    superlu,
 )
 from solver_adapters.bundled.linear.split_matrix import RESIDUAL, TwoTriangles
 from tests.solver_adapters.bundled.matrices import (
     N,
-    chain,
-    indefinite,
     lower_triangle,
     pattern,
     positive_definite,
@@ -43,14 +39,6 @@ def test_a_vector_and_its_column_are_the_same_right_hand_side() -> None:
     np.testing.assert_array_equal(checked_columns(vector, 4), vector[:, None])
     many = np.ones((4, 3))
     assert checked_columns(many, 4) is many
-
-
-def test_superlu_solves_an_indefinite_matrix_and_refuses_a_singular_one() -> None:
-    full, expected = indefinite(), np.random.default_rng(2).normal(size=(N, 2))
-    found = superlu(_matrix(full))(full @ expected)
-    np.testing.assert_allclose(found, expected, atol=1e-10)
-    with pytest.raises(LinearSolverError, match=f"singular matrix of {N} unknowns"):
-        superlu(_matrix(chain(np.ones(N - 1))))
 
 
 def test_a_rough_solver_is_refined_twice_and_no_more() -> None:

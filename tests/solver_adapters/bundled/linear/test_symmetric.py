@@ -10,9 +10,10 @@ import pytest
 import scipy.sparse as sp
 
 from meshes.arrays import FloatArray
-from solver_adapters.bundled.linear import residual_check, symmetric
+from solver_adapters.bundled.linear import residual_check, superlu
 from solver_adapters.bundled.linear.residual_check import LinearSolverError
 from solver_adapters.bundled.linear.split_matrix import LARGEST_RESIDUAL, RESIDUAL
+from solver_adapters.bundled.linear.superlu import SuperLU
 from solver_adapters.bundled.linear.symmetric import SymmetricSolver, iterations_for_factor
 from solver_adapters.cholesky import Cholesky
 from solver_adapters.cholmod import cholmod
@@ -212,6 +213,7 @@ def test_a_factor_of_older_values_is_refined_if_near_and_replaced_if_far(
 def test_a_system_that_no_backend_solves_raises(monkeypatch: pytest.MonkeyPatch) -> None:
     class Spoiled:
         U = sp.eye_array(N)
+        perm_c = np.arange(N)
 
         @staticmethod
         def solve(rhs: FloatArray) -> FloatArray:
@@ -219,7 +221,7 @@ def test_a_system_that_no_backend_solves_raises(monkeypatch: pytest.MonkeyPatch)
 
     solver = _factored(positive_definite())
     monkeypatch.setattr(cholmod, "solve", _nothing)
-    monkeypatch.setattr(residual_check, "splu", lambda *_args, **_options: Spoiled())
+    monkeypatch.setattr(superlu, "splu", lambda *_args, **_options: Spoiled())
     with pytest.raises(LinearSolverError, match="relative residual"):
         solver.solve(right_hand_sides(N))
 
@@ -250,7 +252,7 @@ def test_a_solution_that_rounding_does_not_excuse_raises_however_ill_the_conditi
     monkeypatch.setattr(Cholesky, "solve", lambda *a: original(*a) * (1 + 1e-6))
     monkeypatch.setattr(residual_check, "REFINEMENTS", 0)
     solver = _factored(soft(1e8))
-    monkeypatch.setattr(symmetric, "superlu", lambda _: solver._cholesky.solve)
+    monkeypatch.setattr(SuperLU, "factor", lambda _: solver._cholesky.solve)
     with pytest.raises(LinearSolverError, match=r"relative residual 1\.0e-06"):
         solver.solve(np.ones(N))
 

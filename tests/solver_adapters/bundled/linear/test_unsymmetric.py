@@ -9,7 +9,7 @@ import pytest
 import scipy.sparse as sp
 
 from meshes.arrays import FloatArray
-from solver_adapters.bundled.linear import residual_check
+from solver_adapters.bundled.linear import superlu
 from solver_adapters.bundled.linear.residual_check import LinearSolverError
 from solver_adapters.bundled.linear.split_matrix import LARGEST_RESIDUAL, RESIDUAL
 from solver_adapters.bundled.linear.unsymmetric import UnsymmetricSolver
@@ -74,6 +74,27 @@ def test_a_dominating_antisymmetric_part_is_left_to_superlu(shape: tuple[int, ..
         expected = _dense_solution(symmetric, skew, rhs)
         np.testing.assert_allclose(solver.solve(rhs), expected, rtol=1e-9, atol=1e-12)
     assert (solver.fallbacks, solver.iterations) == (1, 0)
+
+
+def test_columns_that_the_iteration_is_too_slow_for_go_to_superlu_at_once_from_then_on() -> None:
+    """Fewer of them and single ones are iterated to as before."""
+    symmetric = positive_definite()
+    rhs = right_hand_sides(N, 60)
+    solver = UnsymmetricSolver(*pattern(symmetric))
+    for columns, fallbacks, iterates in (
+        (60, 1, False),
+        (60, 2, False),
+        (4, 2, True),
+        (1, 2, True),
+    ):
+        skew = antisymmetric(symmetric, 0.1 if fallbacks == 1 else 0.03)
+        solver.factor(lower_triangle(symmetric).data, values_on(symmetric, skew))
+        before = solver.iterations
+        found = solver.solve(rhs[:, :columns])
+        expected = _dense_solution(symmetric, skew, rhs[:, :columns])
+        np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-12)
+        assert solver.fallbacks == fallbacks
+        assert (solver.iterations > before) == iterates
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -144,6 +165,7 @@ def test_garbage_from_the_cholesky_factor_is_caught_and_mended(
 def test_a_system_that_no_backend_solves_raises(monkeypatch: pytest.MonkeyPatch) -> None:
     class Spoiled:
         U = sp.eye_array(N)
+        perm_c = np.arange(N)
 
         @staticmethod
         def solve(rhs: FloatArray) -> FloatArray:
@@ -151,7 +173,7 @@ def test_a_system_that_no_backend_solves_raises(monkeypatch: pytest.MonkeyPatch)
 
     symmetric = positive_definite()
     solver = _factored(symmetric, antisymmetric(symmetric, 1e3))
-    monkeypatch.setattr(residual_check, "splu", lambda *_args, **_options: Spoiled())
+    monkeypatch.setattr(superlu, "splu", lambda *_args, **_options: Spoiled())
     with pytest.raises(LinearSolverError, match="relative residual"):
         solver.solve(right_hand_sides(N))
 
