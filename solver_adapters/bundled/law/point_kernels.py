@@ -345,9 +345,10 @@ def follow(
                 continue  # at rest
             h = dH[i]
             for m in range(9):
-                _combine(by_state[i], m, h, moved)
-                for k in range(width):
-                    dstate[i, m, k] += moved[k]
+                if np.any(by_state[i, :, m]):  # in small strain five of them
+                    _combine(by_state[i], m, h, moved)
+                    for k in range(width):
+                        dstate[i, m, k] += moved[k]
             for s in range(NS):
                 if gains[i, 2, s] != 0.0:
                     _combine(by_slip[i], s, h, moved)

@@ -42,6 +42,7 @@ from .workspace_layout import (
     RECALL,
     SIGN,
     SLIP,
+    STEP,
     UNHARDENED,
     VISCOUS,
     WEIGHT,
@@ -163,9 +164,13 @@ def project_rows(
 @kernel
 def slip_change(w: FloatArray, coupled: bool) -> None:
     """STEP = change of the slips for the change D_TAU of the driving stresses."""
+    if coupled:
+        for s in range(NS):
+            w[EXPLICIT + s] = w[SIGN + s] * w[D_TAU + s]
+        weigh_residual(w, EXPLICIT, coupled)
+        return
     for s in range(NS):
-        w[EXPLICIT + s] = w[SIGN + s] * w[D_TAU + s]
-    weigh_residual(w, EXPLICIT, coupled)
+        w[STEP + s] = w[WEIGHT + s] * w[SIGN + s] * w[D_TAU + s]
 
 
 @kernel
