@@ -90,10 +90,10 @@ class Equilibrium:
         failed = worst if found.iterations[worst] < 0 else None
         return Trial(moves, u, H, found.state, found.slips, found.P, found.C, total, failed)
 
-    def assemble(self, trial: Trial, fresh: bool = False) -> None:
-        """Take the tangent of a trial; `fresh` as in `TangentSystem.assemble`."""
+    def assemble(self, trial: Trial, columns: int = 0) -> None:
+        """Take the tangent of a trial; `columns` as in `TangentSystem.assemble`."""
         try:
-            self._system.assemble(trial.C, trial.moves, fresh)
+            self._system.assemble(trial.C, trial.moves, columns)
         except LinearSolverError as error:
             raise NotConvergedError(self._where(trial, str(error))) from None
 

@@ -63,7 +63,7 @@ class Differentiation:
         3. what du adds to the states and to the pulled force.
         """
         p, t = self.problem, self.tangents
-        self._equilibrium.assemble(trial, fresh=True)
+        self._equilibrium.assemble(trial, t.count)
         clock = time.perf_counter()
         du = np.zeros((p.n_nodes, 3, t.count))
         flat = du.reshape(3 * p.n_nodes, t.count)

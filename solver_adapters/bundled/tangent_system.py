@@ -52,10 +52,11 @@ class TangentSystem:
         self._projected = small and problem.dilatation is not None
         self._constant: FloatArray | None = None
 
-    def assemble(self, C: FloatArray, moves: bool, fresh: bool) -> None:
+    def assemble(self, C: FloatArray, moves: bool, columns: int = 0) -> None:
         """Take the tangents (n_points, 9, 9) of a move or of a hold.
 
-        fresh: whether a new factor is wanted in any case, as many right-hand sides do.
+        columns: right-hand sides that are to be solved for, which want a new factor; 0 for one of
+            Newton's method, which may do without.
 
         Raises:
             LinearSolverError: the matrix is singular or not finite.
@@ -70,11 +71,11 @@ class TangentSystem:
         if self._skew:
             skew = self._problem.pattern.antisymmetric_values(self._stiffness(C, -1))
             clock = self._statistics.clock("assembly", clock)
-            self._skew.factor(values, skew)
+            self._skew.factor(values, skew, max(columns, 1))
         else:
             clock = self._statistics.clock("assembly", clock)
             solver = self._symmetric[self._moves]
-            if fresh:
+            if columns:
                 solver.factor(values)
             else:
                 solver.update(values)

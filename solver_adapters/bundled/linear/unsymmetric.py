@@ -55,13 +55,17 @@ class UnsymmetricSolver:
         self._too_many = np.inf
         self.iterations = self.fallbacks = 0
 
-    def factor(self, symmetric: FloatArray, skew: FloatArray) -> None:
-        """Factor S, or the whole where S is not positive definite; values are copied.
+    def factor(self, symmetric: FloatArray, skew: FloatArray, columns: int = 1) -> None:
+        """Factor S, or the whole where that is of more use; values are copied.
+
+        The whole is factored where S is not positive definite; and for as many columns as the
+        iteration was once too slow for, or more, since one matrix is much like the next.
 
         Args:
             symmetric: entries S[i, j], i ≥ j, in the order of the pattern, shape (nnz,).
             skew: entries N[i, j] likewise (N[j, i] = −N[i, j]), on the diagonal no more than
                 rounding, which is dropped, shape (nnz,).
+            columns: right-hand sides that are to be solved for.
 
         Raises:
             ValueError: the number of values is not that of the pattern, or the diagonal of N is
@@ -80,7 +84,7 @@ class UnsymmetricSolver:
         self._skew[first] = 0.0
         np.add(symmetric, self._skew, out=self._matrix.lower)
         np.subtract(symmetric, self._skew, out=self._matrix.upper)
-        if not self._cholesky.factor():
+        if columns >= self._too_many or not self._cholesky.factor():
             self._fall_back()
         self._ready = True
 
@@ -88,9 +92,7 @@ class UnsymmetricSolver:
         """Solve A x = rhs with the values of the last `factor`.
 
         The residual is that of A. Every column is accepted or refused as by
-        `SymmetricSolver.solve`; where the iteration does not arrive soon, SuperLU factors A. As
-        many columns as it has not arrived with, and more, go there at once from then on: the next
-        matrix is much like this one.
+        `SymmetricSolver.solve`; where the iteration does not arrive soon, SuperLU factors A.
 
         Args:
             rhs: right-hand sides, shape (n,) or (n, m).
@@ -107,14 +109,15 @@ class UnsymmetricSolver:
         columns = checked_columns(rhs, self._matrix.n)
         if not self._ready:
             raise RuntimeError("solve needs a successful call of factor first")
-        number = columns.shape[1]
-        if self._whole is None and number < self._too_many:
+        if self._whole is None:
             solution = self._iterate(columns, accuracy)
             if solution is not None:
                 return solution.reshape(rhs.shape)
-            # A single one is tried again: the factor of S costs a fraction of that of A.
-            self._too_many = number if number > 1 else self._too_many
-        whole = self._fall_back() if self._whole is None else self._whole
+            if columns.shape[1] > 1:  # A single one is tried again: S costs a fraction of A.
+                self._too_many = min(columns.shape[1], self._too_many)
+            whole = self._fall_back()
+        else:
+            whole = self._whole
         solution, error = refined(self._matrix, columns, whole, accuracy)
         if error is not None:
             raise LinearSolverError(error)

@@ -76,24 +76,25 @@ def test_a_dominating_antisymmetric_part_is_left_to_superlu(shape: tuple[int, ..
     assert (solver.fallbacks, solver.iterations) == (1, 0)
 
 
-def test_columns_that_the_iteration_is_too_slow_for_go_to_superlu_at_once_from_then_on() -> None:
+def test_the_whole_is_factored_at_once_for_columns_that_the_iteration_was_too_slow_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Fewer of them and single ones are iterated to as before."""
     symmetric = positive_definite()
     rhs = right_hand_sides(N, 60)
-    solver = UnsymmetricSolver(*pattern(symmetric))
-    for columns, fallbacks, iterates in (
-        (60, 1, False),
-        (60, 2, False),
-        (4, 2, True),
-        (1, 2, True),
-    ):
-        skew = antisymmetric(symmetric, 0.1 if fallbacks == 1 else 0.03)
-        solver.factor(lower_triangle(symmetric).data, values_on(symmetric, skew))
+    solver, factored = UnsymmetricSolver(*pattern(symmetric)), []
+    plain = Cholesky.factor
+    monkeypatch.setattr(Cholesky, "factor", lambda c: factored.append(c) or plain(c))
+    # Columns; then how often SuperLU and CHOLMOD have factored, and whether there are iterations.
+    calls = ((60, 1, 1, False), (60, 2, 1, False), (4, 2, 2, True), (1, 2, 3, True))
+    for call, (columns, fallbacks, factors, iterates) in enumerate(calls):
+        skew = antisymmetric(symmetric, 0.1 if call < 2 else 0.03)
         before = solver.iterations
+        solver.factor(lower_triangle(symmetric).data, values_on(symmetric, skew), columns)
         found = solver.solve(rhs[:, :columns])
         expected = _dense_solution(symmetric, skew, rhs[:, :columns])
         np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-12)
-        assert solver.fallbacks == fallbacks
+        assert (solver.fallbacks, len(factored)) == (fallbacks, factors)
         assert (solver.iterations > before) == iterates
 
 
