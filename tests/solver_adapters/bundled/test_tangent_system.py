@@ -12,6 +12,7 @@ from meshes.arrays import FloatArray, IntArray
 from solver_adapters.bundled import tangent_system
 from solver_adapters.bundled.fem.assembly import displacement_gradients, element_forces
 from solver_adapters.bundled.fem.problem import Problem, build_problem
+from solver_adapters.bundled.linear.split_matrix import Backsolve
 from solver_adapters.bundled.linear.superlu import SuperLU
 from solver_adapters.bundled.linear.symmetric import SymmetricSolver
 from solver_adapters.bundled.statistics import Statistics
@@ -93,11 +94,18 @@ def test_without_symmetry_the_factor_suits_as_many_columns_as_are_to_come(
     """More than the iteration was too slow for leave no factor of the symmetric part to be made."""
     problem = _problem("non-Schmid", "tet10")
     made: list[str] = []
-    for maker, name in ((Cholesky, "part"), (SuperLU, "whole")):
-        plain = maker.factor
-        monkeypatch.setattr(
-            maker, "factor", lambda s, plain=plain, name=name: made.append(name) or plain(s)
-        )
+    part, whole = Cholesky.factor, SuperLU.factor
+
+    def of_part(solver: Cholesky) -> bool:
+        made.append("part")
+        return part(solver)
+
+    def of_whole(solver: SuperLU) -> Backsolve:
+        made.append("whole")
+        return whole(solver)
+
+    monkeypatch.setattr(Cholesky, "factor", of_part)
+    monkeypatch.setattr(SuperLU, "factor", of_whole)
     C = _tangents(problem, 3e4)
     system = TangentSystem(problem, Statistics())
     rhs = np.random.default_rng(1).normal(size=(problem.pattern.free.size, 90))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshes.arrays import FloatArray
+from meshes.arrays import BoolArray, FloatArray
 from solver_adapters.bundled.law import NS, constant_derivatives
 from solver_adapters.bundled.law import workspace_layout as rows
 from solver_adapters.bundled.law.law import (
@@ -61,7 +61,7 @@ def law() -> FloatArray:
     return p
 
 
-def asked(*which: int) -> FloatArray:
+def asked(*which: int) -> BoolArray:
     return np.isin(np.arange(N_LOCAL), which)
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.sparse.linalg import splu
 
 from meshes.arrays import FloatArray
 from solver_adapters.bundled.linear import superlu
@@ -41,7 +42,7 @@ def test_later_values_are_factored_in_the_order_of_the_first(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     orders: list[str] = []
-    plain = superlu.splu
+    plain = splu
 
     def watched(matrix: Any, permc_spec: str, **options: Any) -> Any:
         orders.append(permc_spec)

@@ -82,9 +82,14 @@ def test_the_whole_is_factored_at_once_for_columns_that_the_iteration_was_too_sl
     """Fewer of them and single ones are iterated to as before."""
     symmetric = positive_definite()
     rhs = right_hand_sides(N, 60)
-    solver, factored = UnsymmetricSolver(*pattern(symmetric)), []
-    plain = Cholesky.factor
-    monkeypatch.setattr(Cholesky, "factor", lambda c: factored.append(c) or plain(c))
+    solver, plain = UnsymmetricSolver(*pattern(symmetric)), Cholesky.factor
+    factored: list[Cholesky] = []
+
+    def watched(cholesky: Cholesky) -> bool:
+        factored.append(cholesky)
+        return plain(cholesky)
+
+    monkeypatch.setattr(Cholesky, "factor", watched)
     # Columns; then how often SuperLU and CHOLMOD have factored, and whether there are iterations.
     calls = ((60, 1, 1, False), (60, 2, 1, False), (4, 2, 2, True), (1, 2, 3, True))
     for call, (columns, fallbacks, factors, iterates) in enumerate(calls):
