@@ -26,6 +26,7 @@ from driver.forward.model import ForwardModel
 from driver.identification.correction import Correction, correction
 from driver.identification.fit import Fit, fit_from
 from driver.identification.objective import Evaluation, Objective
+from driver.identification.step_error import StepError
 
 logger = logging.getLogger(__name__)
 
@@ -49,11 +50,13 @@ class _Task:
     Attributes:
         refit: the refit, under the correction that it has.
         finer: the finer model, its orientations those of the refit.
+        left: what time steps leave wrong there, None where it is to be simulated.
         most: largest number of iterations.
     """
 
     refit: Refit
     finer: ForwardModel
+    left: StepError | None
     most: int = _MOST
 
 
@@ -71,7 +74,11 @@ class _End:
 
 
 def with_candidate_corrections(
-    refits: Sequence[Refit], baseline: Evaluation, finer: FineModels, executor: Executor
+    refits: Sequence[Refit],
+    baseline: Evaluation,
+    finer: FineModels,
+    executor: Executor,
+    left: StepError | None = None,
 ) -> list[Refit]:
     """Refits, best evidence first, those that lead under the correction at their own end.
 
@@ -85,6 +92,7 @@ def with_candidate_corrections(
         baseline: the baseline at its optimum.
         finer: the finer models.
         executor: who refits.
+        left: what time steps leave wrong at the baseline, where that is known.
     """
     if not refits:
         return []
@@ -102,7 +110,10 @@ def with_candidate_corrections(
     taken = Counter[str]()
     again = leading[:_AT_FIRST]
     while again:
-        tasks = [_Task(r, finer.turned((r.cause,)).one) for r in again]
+        tasks = [
+            _Task(r, finer.turned((r.cause,)).one, left_elsewhere(left, baseline, r.fit.best))
+            for r in again
+        ]
         ends = side_by_side(_corrected, tasks, executor.processes, executor.threads)
         for refit, end in zip(again, ends, strict=True):
             name = refit.cause.name
@@ -197,7 +208,11 @@ def _tell(before: Refit, after: Refit, failed: Failure | None) -> None:
 
 
 def corrected_refit(
-    refit: Refit, finer: ForwardModel, baseline: Evaluation, most: int
+    refit: Refit,
+    finer: ForwardModel,
+    baseline: Evaluation,
+    most: int,
+    left: StepError | None = None,
 ) -> Refit | Failure:
     """Return a refit under the correction where it stands, or why there is none.
 
@@ -206,9 +221,26 @@ def corrected_refit(
         finer: the finer model, its orientations those of the refit.
         baseline: the baseline at its optimum.
         most: largest number of iterations.
+        left: what time steps leave wrong at the baseline, where that is known.
     """
-    end = _corrected(_Task(refit, finer, most))
+    end = _corrected(_Task(refit, finer, left_elsewhere(left, baseline, refit.fit.best), most))
     return end if isinstance(end, Failure) else _at_its_end(refit, end, baseline)
+
+
+def left_elsewhere(
+    left: StepError | None, baseline: Evaluation, at: Evaluation
+) -> StepError | None:
+    """Return what time steps leave wrong where a cause stands; None where that is to be simulated.
+
+    It hardly hangs on the cause, but on the steps that were cut.
+
+    Args:
+        left: what they leave at the baseline, if known.
+        baseline: the baseline.
+        at: where the cause stands.
+    """
+    as_many = at.prediction.response.ends.size == baseline.prediction.response.ends.size
+    return left if as_many else None
 
 
 @quiet()
@@ -224,6 +256,7 @@ def _corrected(task: _Task) -> _End | Failure:
             at.values,
             free=at.best.free,
             near=refit.objective.correction,
+            left_by_steps=task.left,
         )
     )
     if isinstance(change, Failure):

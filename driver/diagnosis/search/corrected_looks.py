@@ -20,7 +20,7 @@ from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import Cause
-from driver.diagnosis.search.candidate_correction import corrected_refit, under
+from driver.diagnosis.search.candidate_correction import corrected_refit, left_elsewhere, under
 from driver.diagnosis.search.looks import Side, Task, seen_at
 from driver.diagnosis.search.refit import (
     MOST_FROM_AFAR,
@@ -61,11 +61,9 @@ def seen_corrected(
         told_by: the parameter by which they are told apart.
     """
     model, known = extended.warm_started_from(task.here.best).model, extended.correction
-    taken = task.here.best.prediction.response.ends.size
 
     def corrected(at: Evaluation) -> Correction | Failure:
-        # What time steps leave hardly hangs on the cause, but on the steps that were cut.
-        left = known.left_by_steps if at.prediction.response.ends.size == taken else None
+        left = left_elsewhere(known.left_by_steps, task.here.best, at)
         return attempt(
             lambda: correction(
                 model, task.finer, at.prediction, at.values, near=known, left_by_steps=left
@@ -125,7 +123,8 @@ def _between_null_and_look(
     (amount,) = amounts_of(cause.parameters, refit.fit.values, extended)
     if not 0.0 <= amount / begin.amount <= 1.0:
         return None
-    after = corrected_refit(refit, task.finer, fitted, MOST_FROM_AFAR)
+    left = extended.correction.left_by_steps
+    after = corrected_refit(refit, task.finer, fitted, MOST_FROM_AFAR, left)
     if isinstance(after, Failure):
         logger.info(_no_further(cause, after))
         return replace(refit, has_own_correction=True)
@@ -158,9 +157,10 @@ def _from_its_start(
         logger.info(f"  {cause.name}: given up, for it cannot be simulated ({first.why})")
         return None
     here = refit_of(cause, extended, Fit(first, False, "where it was looked at", ()), fitted)
+    left = extended.correction.left_by_steps
     done: Refit | None = None
     for _ in range(most):
-        after = corrected_refit(here, task.finer, fitted, MOST_FROM_AFAR)
+        after = corrected_refit(here, task.finer, fitted, MOST_FROM_AFAR, left)
         if isinstance(after, Failure):
             logger.info(_no_further(cause, after))
             break

@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from driver.common.outcomes import Failure
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search import candidate_correction
 from driver.diagnosis.search.candidate_correction import (
     REACH,
     REACH_OF_LARGE,
+    corrected_refit,
     with_candidate_corrections,
 )
 from driver.diagnosis.search.fine_models import FineModels
@@ -20,6 +22,7 @@ from driver.diagnosis.statistics.score_test import score
 from driver.diagnosis.statistics.screening import screened
 from driver.identification.correction import Correction, Derivatives, SecondMesh
 from driver.identification.fit import Fit
+from driver.identification.step_error import StepError
 from solver_adapters.interface import NotRunError, SolverError
 from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.status import Status
@@ -296,3 +299,32 @@ def test_refits_are_corrected_with_what_a_second_mesh_adds_at_the_baseline() -> 
     assert np.mean(np.asarray(other.correction.load) - one.correction.load) == pytest.approx(
         3.0, abs=0.5
     )
+
+
+@pytest.mark.parametrize("cut", [0, 1])
+def test_what_time_steps_leave_at_the_baseline_holds_at_refits_that_take_as_many(
+    monkeypatch: pytest.MonkeyPatch, cut: int
+) -> None:
+    """Where others were cut it is simulated; so it is where nobody knows it."""
+    baseline, (first, second) = refitted()
+    response = first.fit.best.prediction.response
+    response = replace(response, ends=np.append(response.ends, np.arange(float(cut))))
+    prediction = replace(first.fit.best.prediction, response=response)
+    best = replace(first.fit.best, prediction=prediction)
+    other = replace(first, fit=replace(first.fit, best=best))
+    left = StepError(np.zeros((1, 1, 3)), np.zeros(1))
+    asked: list[StepError | None] = []
+
+    def note(*_: Any, left_by_steps: StepError | None, **__: Any) -> Correction:
+        asked.append(left_by_steps)
+        raise SolverError("no more is asked")
+
+    monkeypatch.setattr(candidate_correction, "correction", note)
+    models = FineModels(finer(BENCH))
+    after = with_candidate_corrections([other, second], baseline.best, models, Executor(1, 1), left)
+    assert after == [other, second]
+    assert asked == [None if cut else left, left]
+    asked.clear()
+    assert isinstance(corrected_refit(other, models.one, baseline.best, 3, left), Failure)
+    assert isinstance(corrected_refit(second, models.one, baseline.best, 3), Failure)
+    assert asked == [None if cut else left, None]

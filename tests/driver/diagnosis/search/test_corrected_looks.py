@@ -120,6 +120,27 @@ def test_a_refit_from_a_look_is_on_the_way_to_where_the_finer_model_would_end(
     assert np.log(refit.fit.values["tau0_grain2"]) == pytest.approx(TRUTH, abs=0.05)
 
 
+@pytest.mark.parametrize("places", [(), (0.5,)])
+def test_refits_from_looks_take_over_what_time_steps_leave_at_the_fit(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch, places: tuple[float, ...]
+) -> None:
+    """Those of what bends do, and those of what lies somewhere."""
+    task, extended, side = seen(hidden)
+    cause = replace(task.near.cause, places=places)
+    task = replace(task, near=replace(task.near, cause=cause))
+    left = StepError(np.zeros((1, 1, 3)), np.zeros(1))
+    objective = replace(extended, correction=replace(extended.correction, left_by_steps=left))
+    asked: list[StepError | None] = []
+
+    def note(*given: Any) -> Failure:
+        asked.append(given[4])
+        return Failure("no more is asked")
+
+    monkeypatch.setattr(corrected_looks, "corrected_refit", note)
+    refit_from_look(task, objective, side)
+    assert asked == [left]
+
+
 def test_a_refit_of_what_bends_has_the_correction_where_it_ends(hidden: Examined) -> None:
     task, extended, side = seen(hidden)
     refit = refit_from_look(task, extended, side)
