@@ -50,7 +50,7 @@ long: kernels
 	$(PYTEST) -m long
 
 # Files of tests side by side would compile the same kernels at the same time.
-kernels: $(VENV)/installed-dev
+kernels: $(VENV)/installed-dev $(VENV)/checkout
 	$(VENV)/bin/python -m tools.compiled_kernels
 
 docs: $(VENV)/installed-dev
@@ -66,10 +66,13 @@ $(VENV)/installed: pyproject.toml | $(VENV)/bin/python
 	$(VENV)/bin/python -I meshes/system_libraries.py
 	touch $@
 
-$(VENV)/installed-dev: $(VENV)/installed Makefile
+$(VENV)/installed-dev: $(VENV)/installed
 	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
-	# The benchmarks are scripts that share modules with each other and with the tests.
-	$(VENV)/bin/python -c 'import pathlib, sysconfig; pathlib.Path(sysconfig.get_path("purelib"), "prismid_checkout.pth").write_text("$(CURDIR)\n")'
+	touch $@
+
+# The benchmarks are scripts that share modules with each other and with the tests.
+$(VENV)/checkout: $(VENV)/installed-dev
+	$(VENV)/bin/python -c 'import pathlib, sysconfig; pathlib.Path(sysconfig.get_path("purelib"), "prismid_checkout.pth").write_text(f"{pathlib.Path.cwd()}\n", "utf-8")'
 	touch $@
 
 $(VENV)/bin/python:

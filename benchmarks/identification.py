@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import coverage, if_steel
+from benchmarks import if_steel, interval_coverage
 from benchmarks.diagnosis import ALPHA, TRUTH
 from benchmarks.identified import Found, identify_case, variant
 from benchmarks.measuring import show
@@ -40,7 +40,7 @@ def main() -> None:
     choice = parser.parse_args()
     if choice.quick:
         with tempfile.TemporaryDirectory() as folder:
-            covered(coverage.run(Path(folder) / "coverage.jsonl", 2, 1))
+            covered(interval_coverage.run(Path(folder) / "coverage.jsonl", 2, 1))
         return
     parts = (choice.only,) if choice.only else PARTS
     if "alpha" in parts or "femu" in parts:
@@ -51,7 +51,7 @@ def main() -> None:
         if "femu" in parts:
             beside_updating(identified, update(case, LAW, RATIO))
     if "coverage" in parts:
-        covered(coverage.run(DRAWS, choice.draws, choice.processes))
+        covered(interval_coverage.run(DRAWS, choice.draws, choice.processes))
     if "if_steel" in parts:
         if_steel.study()
 
@@ -91,10 +91,10 @@ def beside_updating(found: Found, updated: Updated) -> None:
     print(f"FEMU ended: {updated.reason}")
 
 
-def covered(draws: list[coverage.Draw]) -> None:
+def covered(draws: list[interval_coverage.Draw]) -> None:
     """Coverage of the stated 95 % intervals."""
-    low, high = (100 * share for share in coverage.GOAL)
-    for name, interval in coverage.coverage(draws).items():
+    low, high = (100 * share for share in interval_coverage.GOAL)
+    for name, interval in interval_coverage.coverage(draws).items():
         title, goal = f"coverage of {name} [%], {interval.n} intervals", f"{low:g} to {high:g}"
         show(title, 100 * interval.share, goal)
         show(f"spread of {name} [sigma]", interval.spread, "1")

@@ -69,9 +69,9 @@ def constant_rows(
     coupled: bool,
     asked: BoolArray,
 ) -> None:
-    """Write the rows BY_CONSTANT of the constants that are asked for, (N_LOCAL,).
+    """Write the rows BY_CONSTANT, those at least of the constants that are asked for, (N_LOCAL,).
 
-    Those of elasticity act through the stress and have none.
+    Those of elasticity, the first three, act through the stress and have none.
     """
     _overstress_rows(w, dt, p, exponential, asked)
     _resistance_rows(w, skin, asked)

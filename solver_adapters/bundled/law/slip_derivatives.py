@@ -1,8 +1,8 @@
 """Derivatives of a solved step at the level of the slip systems.
 
 What all directions share is prepared once for a point. What motion and history make is computed
-for many directions at once (`simd_rows`), over the systems that move; what constants make, for each
-direction that changes one.
+for many directions at once (`simd_rows`), over the systems that move. What constants make stands in
+`constant_derivatives`.
 """
 
 from meshes.arrays import FloatArray, IntArray
@@ -163,7 +163,7 @@ def project_rows(
 
 @kernel
 def slip_change(w: FloatArray, coupled: bool) -> None:
-    """STEP = change of the slips for the change D_TAU of the driving stresses."""
+    """STEP = change of the slips for the change D_TAU of the driving stresses; LOAD is scratch."""
     if coupled:
         for s in range(NS):
             w[EXPLICIT + s] = w[SIGN + s] * w[D_TAU + s]

@@ -139,9 +139,9 @@ def derivatives(
 
     dstate is that at the start of the step and becomes that at its end, with H as dH has it.
 
-    b: lanes of the directions; moving: room for the systems that move; point and frame: rows of
-    dskin and dframe; changes: whether a direction changes a constant; turn: whether, and how, it
-    turns the crystal; gains: of `slip_derivatives.slip_gains`. The others are those of
+    b: lanes of the directions; moving: the systems that move, the first `count`; point and frame:
+    rows of dskin and dframe; changes: whether a direction changes a constant; turn: whether, and
+    how, it turns the crystal; gains: of `slip_derivatives.slip_gains`. The others are those of
     `Points.derive` at this point.
     """
     first, width = bounded(first), bounded(width)

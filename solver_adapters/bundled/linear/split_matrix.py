@@ -72,6 +72,11 @@ class TwoTriangles:
         absolute = TwoTriangles(self._indptr, self._indices, np.abs(self.lower), np.abs(self.upper))
         return absolute.product(np.abs(x))
 
+    @property
+    def pattern(self) -> tuple[IntArray, IntArray]:
+        """Start of each column of the lower triangle, and row of each entry."""
+        return self._indptr, self._indices
+
     def positions(self) -> tuple[IntArray, IntArray]:
         """Row and column of each value of the lower triangle, each (nnz,)."""
         return self._indices, np.repeat(np.arange(self.n), np.diff(self._indptr))

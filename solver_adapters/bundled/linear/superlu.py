@@ -17,14 +17,13 @@ from solver_adapters.cholesky import singular
 class SuperLU:
     """Factors of a matrix whose values change in place.
 
-    In SuperLU's symmetric mode pivots stay near the diagonal.
+    In SuperLU's symmetric mode pivots stay near the diagonal. The order is that of minimum degree
+    of the pattern, whatever the values, so that a factor does not hang on those before it.
     """
 
     def __init__(self, matrix: TwoTriangles) -> None:
         self._matrix = matrix
-        # The order of minimum degree, and the pattern in it, once there has been a factor.
-        self._order: IntArray | None = None
-        self._indptr = self._indices = self._source = np.empty(0, dtype=np.int64)
+        self._ordered: _Layout | None = None
 
     def factor(self) -> Backsolve:
         """Factor the matrix with its values of now; what it returns solves with these.
@@ -32,16 +31,15 @@ class SuperLU:
         Raises:
             LinearSolverError: the matrix is singular.
         """
-        if self._order is None:
-            # The whole in the order of its unknowns, which SuperLU changes for its own.
-            factors = self._factors(self._matrix.full(), "MMD_AT_PLUS_A")
-            self._analyse(np.argsort(factors.perm_c))
-            first: Backsolve = factors.solve
-            return first
-        n, order = self._matrix.n, self._order
-        values = np.concatenate((self._matrix.lower, self._matrix.upper))[self._source]
-        ordered = sp.csc_array((values, self._indices, self._indptr), shape=(n, n))
-        factors = self._factors(ordered, "NATURAL")
+        if self._ordered is None:
+            self._ordered = _Layout(self._matrix, _minimum_degree(self._matrix))
+        order, message = self._ordered.order, f"singular matrix of {self._matrix.n} unknowns"
+        try:
+            factors = _factors(self._ordered.matrix(), "NATURAL")
+        except RuntimeError as error:
+            raise LinearSolverError(message) from error
+        if singular(np.abs(factors.U.diagonal())):
+            raise LinearSolverError(message)
 
         def backsolve(rhs: FloatArray) -> FloatArray:
             solution = np.empty_like(rhs)
@@ -50,28 +48,40 @@ class SuperLU:
 
         return backsolve
 
-    def _factors(self, matrix: sp.csc_array, order: str) -> Any:
-        message = f"singular matrix of {self._matrix.n} unknowns"
-        try:
-            factors = splu(
-                matrix, permc_spec=order, diag_pivot_thresh=0.01, options={"SymmetricMode": True}
-            )
-        except RuntimeError as error:
-            raise LinearSolverError(message) from error
-        if singular(np.abs(factors.U.diagonal())):
-            raise LinearSolverError(message)
-        return factors
 
-    def _analyse(self, order: IntArray) -> None:
-        """Lay out the whole matrix with its unknowns in this order."""
-        rows, columns = self._matrix.positions()
+class _Layout:
+    """The whole matrix with its unknowns in another order."""
+
+    def __init__(self, matrix: TwoTriangles, order: IntArray) -> None:
+        self.order = order
+        self._values = matrix
+        rows, columns = matrix.positions()
         rank = np.argsort(order)
         off = np.flatnonzero(rows != columns)
         row = rank[np.concatenate((rows, columns[off]))]
         column = rank[np.concatenate((columns, rows[off]))]
         source = np.concatenate((np.arange(rows.size), rows.size + off))
         by_column = np.lexsort((row, column))
-        counts = np.bincount(column, minlength=self._matrix.n)
+        counts = np.bincount(column, minlength=matrix.n)
         self._indptr = np.concatenate(([0], np.cumsum(counts))).astype(np.int32)
         self._indices, self._source = row[by_column].astype(np.int32), source[by_column]
-        self._order = order
+
+    def matrix(self) -> sp.csc_array:
+        """Return the matrix with its values of now, those that are null included."""
+        m = self._values
+        values = np.concatenate((m.lower, m.upper))[self._source]
+        return sp.csc_array((values, self._indices, self._indptr), shape=(m.n, m.n))
+
+
+def _minimum_degree(matrix: TwoTriangles) -> IntArray:
+    """Return the order in which SuperLU eliminates the unknowns of a matrix of this pattern."""
+    rows, columns = matrix.positions()
+    # Any values that can be factored.
+    values = np.where(rows == columns, 2.0 * rows.size, 1.0)
+    pattern = TwoTriangles(*matrix.pattern, values, values)
+    found = _factors(_Layout(pattern, np.arange(matrix.n)).matrix(), "MMD_AT_PLUS_A")
+    return np.argsort(found.perm_c)
+
+
+def _factors(matrix: sp.csc_array, order: str) -> Any:
+    return splu(matrix, permc_spec=order, diag_pivot_thresh=0.01, options={"SymmetricMode": True})

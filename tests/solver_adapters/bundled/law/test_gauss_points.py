@@ -333,3 +333,30 @@ def test_what_follows_a_later_motion_completes_the_derivative(solved: Solved) ->
     for rows in (solved.beside_over, solved.over):
         scale = abs(whole[:, rows]).max()
         np.testing.assert_allclose(parts[:, rows], whole[:, rows], atol=1e-11 * scale)
+
+
+def test_a_constant_has_the_derivative_alone_in_one_grain_that_it_has_beside_all_others(
+    solved: Solved,
+) -> None:
+    """What a direction costs and where it is computed hangs on what others ask for."""
+    n_state = solved.points.layout.size
+    still = solved.points.frame(np.zeros((1, 2, 3, 3)))
+
+    def derive(local: AnyArray) -> PointDerivatives:
+        k = local.shape[1]
+        none = np.zeros(k, dtype=np.int64)
+        tangents = PointTangents(local, np.tile(none, (2, 1)), still, none, np.zeros((1, N_POINTS)))
+        s, out = solved, solved.points.memory(k, n_state)
+        out.state[:] = 0.0
+        s.points.derive(s.H, s.state, s.slips, DT, np.zeros((N_POINTS, 9, k)), tangents, out)
+        return out
+
+    together = derive(np.tile(np.eye(N_LOCAL), (2, 1, 1)))
+    for constant in range(N_LOCAL):
+        alone = np.zeros((2, 1, N_LOCAL))
+        alone[1, 0, constant] = 1.0
+        found, in_it = derive(alone), solved.points.grain == 1
+        for of_it, of_all in ((found.stress, together.stress), (found.state, together.state)):
+            expected = np.where(in_it[:, None], of_all[:, :, constant], 0.0)
+            scale = 1e-12 * abs(expected).max()
+            np.testing.assert_allclose(of_it[:, :, 0], expected, rtol=0, atol=scale)

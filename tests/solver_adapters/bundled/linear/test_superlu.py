@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from meshes.arrays import FloatArray
@@ -38,15 +39,14 @@ def test_an_indefinite_matrix_is_solved_and_a_singular_one_refused() -> None:
         SuperLU(_matrix(chain(np.ones(N - 1)))).factor()
 
 
-def test_later_values_are_factored_in_the_order_of_the_first(
+def test_later_values_are_factored_in_an_order_that_is_found_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     orders: list[str] = []
-    plain = splu
 
     def watched(matrix: Any, permc_spec: str, **options: Any) -> Any:
         orders.append(permc_spec)
-        return plain(matrix, permc_spec=permc_spec, **options)
+        return splu(matrix, permc_spec=permc_spec, **options)
 
     monkeypatch.setattr(superlu, "splu", watched)
     symmetric = positive_definite()
@@ -65,7 +65,45 @@ def test_later_values_are_factored_in_the_order_of_the_first(
     for backsolve, expected in zip(backsolves, wanted, strict=True):
         np.testing.assert_allclose(backsolve(rhs), expected, rtol=1e-8, atol=1e-12)
         np.testing.assert_allclose(backsolve(rhs[:, 0]), expected[:, 0], rtol=1e-8, atol=1e-12)
-    assert orders == ["MMD_AT_PLUS_A", "NATURAL", "NATURAL"]
+    assert orders == ["MMD_AT_PLUS_A", *3 * ["NATURAL"]]
+
+
+def test_a_factor_has_the_same_digits_whatever_was_factored_before() -> None:
+    """One whose first values hold zeros, which leave the pattern as it is."""
+    symmetric = positive_definite()
+    skew = values_on(symmetric, antisymmetric(symmetric, 0.5))
+    rhs = np.random.default_rng(3).normal(size=(N, 3))
+    fresh = SuperLU(_matrix(symmetric, skew)).factor()(rhs)
+    matrix = _matrix(symmetric, skew)
+    lower, upper = matrix.lower.copy(), matrix.upper.copy()
+    off = np.flatnonzero(np.not_equal(*matrix.positions()))
+    matrix.lower[off[::2]] = matrix.upper[off[::2]] = 0.0
+    solver = SuperLU(matrix)
+    solver.factor()
+    matrix.lower[:], matrix.upper[:] = lower, upper
+    np.testing.assert_array_equal(solver.factor()(rhs), fresh)
+
+
+def test_the_factor_has_no_more_entries_than_by_minimum_degree_of_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of a grid of 20 × 20, whose own order would fill three times as much."""
+    line = sp.diags_array([-np.ones(19), 4.0 * np.ones(20), -np.ones(19)], offsets=[-1, 0, 1])
+    grid = sp.kron(sp.eye_array(20), line) - sp.kron(
+        sp.diags_array([np.ones(19), np.ones(19)], offsets=[-1, 1]), sp.eye_array(20)
+    )
+    filled: list[int] = []
+
+    def watched(matrix: Any, **options: Any) -> Any:
+        factors = splu(matrix, **options)
+        filled.append(factors.L.nnz + factors.U.nnz)
+        return factors
+
+    monkeypatch.setattr(superlu, "splu", watched)
+    SuperLU(_matrix(sp.csc_array(grid))).factor()
+    by_degree, found = filled
+    plain = splu(sp.csc_array(grid), permc_spec="NATURAL")
+    assert found <= by_degree < (plain.L.nnz + plain.U.nnz) / 2
 
 
 def test_a_singular_matrix_after_a_regular_one_is_refused_and_the_next_one_solved() -> None:

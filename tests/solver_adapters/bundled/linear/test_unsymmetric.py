@@ -103,6 +103,18 @@ def test_the_whole_is_factored_at_once_for_columns_that_the_iteration_was_too_sl
         assert (solver.iterations > before) == iterates
 
 
+def test_a_single_column_that_the_iteration_was_too_slow_for_is_tried_again() -> None:
+    symmetric, rhs = positive_definite(), right_hand_sides(N)
+    solver = _factored(symmetric, antisymmetric(symmetric, 1e3))
+    solver.solve(rhs)
+    assert (solver.fallbacks, solver.iterations) == (1, 0)
+    skew = antisymmetric(symmetric, 0.01)
+    solver.factor(lower_triangle(symmetric).data, values_on(symmetric, skew))
+    expected = _dense_solution(symmetric, skew, rhs)
+    np.testing.assert_allclose(solver.solve(rhs), expected, rtol=1e-7, atol=1e-12)
+    assert solver.fallbacks == 1 and solver.iterations > 0
+
+
 @pytest.mark.parametrize("shape", SHAPES)
 def test_an_indefinite_symmetric_part_is_left_to_superlu(shape: tuple[int, ...]) -> None:
     definite = positive_definite()
