@@ -23,7 +23,7 @@ from driver.workflow import pipeline
 _DIRECTIONS = (10, 20, 40, 80)
 _PROCESSES = (1, 2, 4, 8)
 _THREADS = (2, 4, 8)
-_WAITS, _WAIT = 200, 0.5  # tasks; s of each
+_WAITS, _WAIT = 200, 0.1  # tasks; s of each
 _CASES = 200
 
 
