@@ -50,14 +50,14 @@ class _Task:
     Attributes:
         refit: the refit, under the correction that it has.
         finer: the finer model, its orientations those of the refit.
-        left: what time steps leave wrong there, None where it is to be simulated.
         most: largest number of iterations.
+        left: what time steps leave wrong there, None where it is to be simulated.
     """
 
     refit: Refit
     finer: ForwardModel
-    left: StepError | None
     most: int = _MOST
+    left: StepError | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,11 +74,7 @@ class _End:
 
 
 def with_candidate_corrections(
-    refits: Sequence[Refit],
-    baseline: Evaluation,
-    finer: FineModels,
-    executor: Executor,
-    left: StepError | None = None,
+    refits: Sequence[Refit], baseline: Evaluation, finer: FineModels, executor: Executor
 ) -> list[Refit]:
     """Refits, best evidence first, those that lead under the correction at their own end.
 
@@ -92,7 +88,6 @@ def with_candidate_corrections(
         baseline: the baseline at its optimum.
         finer: the finer models.
         executor: who refits.
-        left: what time steps leave wrong at the baseline, where that is known.
     """
     if not refits:
         return []
@@ -110,10 +105,8 @@ def with_candidate_corrections(
     taken = Counter[str]()
     again = leading[:_AT_FIRST]
     while again:
-        tasks = [
-            _Task(r, finer.turned((r.cause,)).one, left_elsewhere(left, baseline, r.fit.best))
-            for r in again
-        ]
+        # What time steps leave is simulated, too: that of the best is the extended model's.
+        tasks = [_Task(r, finer.turned((r.cause,)).one) for r in again]
         ends = side_by_side(_corrected, tasks, executor.processes, executor.threads)
         for refit, end in zip(again, ends, strict=True):
             name = refit.cause.name
@@ -223,7 +216,7 @@ def corrected_refit(
         most: largest number of iterations.
         left: what time steps leave wrong at the baseline, where that is known.
     """
-    end = _corrected(_Task(refit, finer, left_elsewhere(left, baseline, refit.fit.best), most))
+    end = _corrected(_Task(refit, finer, most, left_elsewhere(left, baseline, refit.fit.best)))
     return end if isinstance(end, Failure) else _at_its_end(refit, end, baseline)
 
 

@@ -142,8 +142,7 @@ def examine(
                 likely, seen.tests, here.best, objective, added, settings.wanted, executor
             )
             likely = best_of_each([*likely, *trial.refits])
-            left = objective.correction.left_by_steps
-            likely = with_candidate_corrections(likely, here.best, finer, executor, left)
+            likely = with_candidate_corrections(likely, here.best, finer, executor)
             refits = with_second_mesh_at_ends(likely, here.best, finer, executor) or refits
     scores = sorted([*seen.scores, *trial.scores], key=lambda s: -s.log_evidence)
     winner = refits[0] if refits and refits[0].log_evidence > WORTH else None

@@ -18,7 +18,6 @@ from driver.diagnosis.search.selection_round import WITHIN, examine, set_of
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
-from driver.identification.step_error import StepError
 from tools import closed_form
 from tools.closed_form_diagnosis import SETTINGS, finer, identified
 
@@ -84,25 +83,6 @@ def test_the_one_to_add_is_the_best_by_the_second_mesh_at_the_ends() -> None:
         found = examine(baseline, objective, (), EVERY, NO_STOPS, None, FINER)
     assert found.winner is not None and found.winner.log_evidence == 99.0
     assert found.round_.refits[0] is found.winner
-
-
-def test_refits_that_lead_are_corrected_with_what_time_steps_leave_at_the_fit() -> None:
-    objective, baseline = tilting()
-    prediction = baseline.best.prediction
-    left = StepError(np.zeros_like(prediction.motion), np.full_like(prediction.load, 1e-3))
-    objective = replace(objective, correction=replace(objective.correction, left_by_steps=left))
-    known: list[StepError | None] = []
-
-    def corrected(
-        refits: list[Refit], at: Evaluation, finer: FineModels, _: Executor, left: StepError | None
-    ) -> list[Refit]:
-        assert at is baseline.best and finer is FINER
-        known.append(left)
-        return refits
-
-    with patch.object(selection_round, "with_candidate_corrections", corrected):
-        examine(baseline, objective, (), TILT, NO_STOPS, None, FINER)
-    assert known == [left]
 
 
 ALONG = {"a": (1.0, 0.0, 0.0), "b": (0.0, 1.0, 0.0), "like b": (0.0, 0.999, 0.04), "c": (0, 0, 1.0)}
