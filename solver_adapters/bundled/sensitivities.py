@@ -71,7 +71,7 @@ class Differentiation:
         dH = self._gradients
         self._strain_change(trial.u, du, dH)
         out = replace(self._memory, state=self._changeable(instant.dstate))
-        p.points.derive(trial.H, instant.state, trial.slips, dt, dH, law, out)
+        p.points.derive(trial.H, instant.state, trial.state, trial.slips, dt, dH, law, out)
         change = self._force_change(trial, out.stress)
         clock = self._equilibrium.statistics.clock("derivatives", clock)
         follows = self._equilibrium.solve(trial, -change[p.pattern.free])

@@ -17,6 +17,7 @@ from solver_adapters.bundled.law.tensors import (
     determinant_of,
     over_modes,
     to_modes,
+    to_tensors,
 )
 from solver_adapters.kernels import kernel
 
@@ -34,20 +35,17 @@ from .finite_strain import (
     CONJUGATE_STRESS,
     D_A,
     D_FE,
-    D_FP1,
     D_MODES,
     DILATION,
     DRIVING,
     FACTOR,
     FE,
     FES,
-    FORCE,
     FP0,
     FP1,
     FT,
     GAIN,
     ONE,
-    P_BY_A,
     P_BY_H,
     PIOLA,
     PULLED,
@@ -59,14 +57,16 @@ from .finite_strain import (
     STATE_BY_A,
     STATE_BY_H,
     STRAIN,
+    T_BY_H,
     TRIAL,
     TWO,
     UNDONE,
+    UNIT,
     UNLOADED,
     drive,
     modes_along_gradient,
     resolve,
-    stress_change,
+    stress_along_gradient,
 )
 from .simd_rows import (
     B_EXPLICIT,
@@ -85,10 +85,9 @@ from .slip_derivatives import (
     advance_states,
     history_derivatives,
     project_rows,
-    slip_change,
     weigh_rows,
 )
-from .workspace_layout import D_TAU, EXPLICIT, OTHER, SIGN, STEP
+from .workspace_layout import EXPLICIT, OTHER, SIGN
 
 B_FP0 = B_SLIP_END  # derivative of Fp⁰⁻¹, 9
 B_GRADIENT = B_FP0 + 9 * LANES  # of H, with what dFp⁰⁻¹ and a turn of the crystal count as, 9
@@ -104,41 +103,43 @@ LANES_SIZE = B_DILATION + LANES
 
 
 @kernel
-def _normalised(w: FloatArray, target: int, source: int) -> None:
-    """Change of Fp⁻¹ at unit determinant, for the change at source before it is scaled."""
-    dilation = 0.0
-    for i in range(9):
-        dilation += w[DILATION + i] * w[source + i]
-    for i in range(9):
-        w[target + i] = w[SCALE] * (w[source + i] - w[FP1 + i] * dilation)
-
-
-@kernel
 def response(
-    w: FloatArray, p: FloatArray, coupled: bool, by_slip: FloatArray, by_state: FloatArray
+    w: FloatArray,
+    b: FloatArray,
+    moving: IntArray,
+    count: int,
+    p: FloatArray,
+    coupled: bool,
+    by_slip: FloatArray,
+    by_state: FloatArray,
 ) -> None:
-    """How slips (9, NS) and Fp⁻¹ (9, 9) of the step in the workspace follow H, and the matrices."""
+    """How slips (9, NS) and Fp⁻¹ (9, 9) of the step in the workspace follow H, and the matrices.
+
+    Slips of the moving systems alone, the first `count` of `moving`, are written.
+    """
     _fixed_tensors(w)
     modes_along_gradient(w, p)
+    stress_along_gradient(w, P_BY_H)
     over_modes(w, TWO, SOFTENING, D_MODES, 9)
-    for j in range(9):
-        for k in range(NM):
-            w[FORCE + k] = w[ONE + 9 * k + j] - w[TWO + 9 * k + j]
-        drive(w, p, FORCE, D_TAU)
-        slip_change(w, coupled)
-        for s in range(NS):
-            w[SLIP_BY_H + NS * j + s] = w[STEP + s]
-            by_slip[j, s] = w[STEP + s]
-    _stress_and_state(w, p, 9, P_BY_H, STATE_BY_H)
+    for k in range(NM):
+        for j in range(9):
+            b[B_FORCE + LANES * k + j] = w[T_BY_H + 9 * k + j] - w[TWO + 9 * k + j]
+    clear(b, B_EXPLICIT, count, 9)
+    driving = DRIVING if p[P_A1] != 0.0 else SCHMID
+    for a in range(count):
+        s = moving[a]
+        sum8(b, B_EXPLICIT + LANES * a, B_FORCE, w, driving + s, NS, w[SIGN + s], 9)
+    weigh_rows(w, b, coupled, moving, count, 9)
+    for a in range(count):
+        for j in range(9):
+            w[SLIP_BY_H + 9 * a + j] = b[B_STEP + LANES * a + j]
+            by_slip[j, moving[a]] = b[B_STEP + LANES * a + j]
+    to_tensors(w, D_A, D_MODES, 9)
+    _state_change(w, D_A, 9, STATE_BY_H)
     for j in range(9):
         for i in range(9):
-            by_state[j, i] = w[STATE_BY_H + 9 * j + i]
-    for i in range(9 * NM):
-        w[D_MODES + i] = 0.0
-        w[D_FE + i] = 0.0
-    for k in range(NM):
-        w[D_MODES + (NM + 1) * k] = 1.0
-    _stress_and_state(w, p, NM, P_BY_A, STATE_BY_A)
+            by_state[j, i] = w[STATE_BY_H + 9 * i + j]
+    _state_change(w, UNIT, NM, STATE_BY_A)
     for i in range(NM * NM):
         w[CONDENSED + i] = 0.0
     for k in range(NM):
@@ -171,16 +172,15 @@ def _invert(w: FloatArray, target: int, source: int) -> None:
 
 
 @kernel
-def _stress_and_state(w: FloatArray, p: FloatArray, width: int, stress: int, state: int) -> None:
-    """Write the changes of P and Fp⁻¹ by D_FE and D_MODES along `width` directions."""
-    stress_change(w, p, width)
-    tensors.right(w, ONE, TWO, False, FP0, True, width)
-    tensors.left(w, TWO, FP0, False, D_A, False, width)
+def _state_change(w: FloatArray, change: int, width: int, target: int) -> None:
+    """Change of Fp⁻¹ at unit determinant by that of A along `width` directions."""
+    tensors.left(w, TWO, FP0, False, change, False, width)
     for m in range(width):
+        dilation = 0.0
         for i in range(9):
-            w[stress + 9 * m + i] = w[ONE + width * i + m]
-            w[D_FP1 + i] = -w[TWO + width * i + m]
-        _normalised(w, state + 9 * m, D_FP1)
+            dilation += w[DILATION + i] * w[TWO + width * i + m]
+        for i in range(9):
+            w[target + width * i + m] = w[SCALE] * (w[FP1 + i] * dilation - w[TWO + width * i + m])
 
 
 @kernel
@@ -265,7 +265,7 @@ def derivatives(
         sum8(b, B_EXPLICIT + LANES * a, B_FORCE, w, driving + s, NS, w[SIGN + s], width)
     weigh_rows(w, b, coupled, moving, count, width)
     for a in range(count):
-        sum9(b, B_STEP + LANES * a, B_GRADIENT, w, SLIP_BY_H + moving[a], NS, width)
+        sum9(b, B_STEP + LANES * a, B_GRADIENT, w, SLIP_BY_H + 9 * a, 1, width)
     advance_states(w, b, gains, moving, count, dstate, first, width)
     # Fp⁻¹ likewise: dFp⁰⁻¹ outside the trial at unit determinant, then H, then A
     simd_rows.right(b, B_SCRATCH, B_FP0, w, GAIN, False, width)
@@ -276,10 +276,10 @@ def derivatives(
         for m in range(width):
             b[state + m] = w[SCALE] * (b[scratch + m] - fp1 * b[B_DILATION + m])
     for i in range(9):
-        sum9(b, B_PIOLA + LANES * i, B_GRADIENT, w, P_BY_H + i, 9, width)
-        sum8(b, B_PIOLA + LANES * i, B_MODES, w, P_BY_A + i, 9, 1.0, width)
-        sum9(b, B_STATE + LANES * i, B_GRADIENT, w, STATE_BY_H + i, 9, width)
-        sum8(b, B_STATE + LANES * i, B_MODES, w, STATE_BY_A + i, 9, 1.0, width)
+        sum9(b, B_PIOLA + LANES * i, B_GRADIENT, w, P_BY_H + 9 * i, 1, width)
+        sum8(b, B_PIOLA + LANES * i, B_MODES, w, T_BY_H + i, 9, -1.0, width)
+        sum9(b, B_STATE + LANES * i, B_GRADIENT, w, STATE_BY_H + 9 * i, 1, width)
+        sum8(b, B_STATE + LANES * i, B_MODES, w, STATE_BY_A + NM * i, 1, 1.0, width)
     store(b, B_PIOLA, 9, dP, first, width)
     store(b, B_STATE, 9, dstate, first, width)
     for m in range(width):

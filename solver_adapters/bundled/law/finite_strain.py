@@ -67,31 +67,30 @@ FES = STRESS + 9  # Fe·S
 CONJUGATE_STRESS = FES + 9  # T
 GAIN = CONJUGATE_STRESS + 9  # I − A
 FP1 = GAIN + 9  # Fp⁰⁻¹·(I − A)
-D_FP1 = FP1 + 9  # its change along one direction
-SCRATCH_MODES = D_FP1 + 9  # scratch: eight modes of a tensor
+SCRATCH_MODES = FP1 + 9  # scratch: eight modes of a tensor
 FORCE = SCRATCH_MODES + NM  # change of the modes of T
 UNIT = FORCE + NM  # the eight modes themselves as tensors, 9 × 8
 SLIP_STIFFNESS = UNIT + 9 * NM  # H, 8 × 8
 SOFTENING = SLIP_STIFFNESS + NM * NM  # Y, 8 × 8
 FACTOR = SOFTENING + NM * NM  # LU of I + H·Y, 8 × 8
-D_TRIAL = FACTOR + NM * NM
-D_FE = D_TRIAL + 81
+D_FE = FACTOR + NM * NM
 D_S = D_FE + 81
 D_T = D_S + 81
 D_A = D_T + 81
 D_MODES = D_A + 81  # modes of D_A
-ONE = D_MODES + 81  # scratch, as the next
+T_BY_H = D_MODES + 81  # modes of ∂T/∂H at fixed A, 8 × 9
+FIXED_BY_H = T_BY_H + 9 * NM  # ∂P/∂H at fixed A, 9 × 9
+ONE = FIXED_BY_H + 81  # scratch, as the next
 TWO = ONE + 81
 # What `finite_derivative` prepares for all directions.
 UNDONE = TWO + 81  # Fp⁰, the inverse of FP0
 PULLED = UNDONE + 9  # Fe·S·(I − A)ᵀ
 PIOLA = PULLED + 9  # P
 UNLOADED = PIOLA + 9  # F⁻¹
-P_BY_A = UNLOADED + 9  # ∂P/∂A for the modes of A, 8 × 9
-STATE_BY_A = P_BY_A + 9 * NM  # derivative of Fp⁻¹ likewise, 8 × 9
-P_BY_H = STATE_BY_A + 9 * NM  # ∂P/∂H, the component of H first, 9 × 9
-STATE_BY_H = P_BY_H + 81  # derivative of Fp⁻¹ likewise, 9 × 9
-SLIP_BY_H = STATE_BY_H + 81  # ∂Δp/∂H likewise, 9 × NS
+STATE_BY_A = UNLOADED + 9  # derivative of Fp⁻¹ by the modes of A, 9 × 8
+P_BY_H = STATE_BY_A + 9 * NM  # ∂P/∂H, 9 × 9
+STATE_BY_H = P_BY_H + 81  # derivative of Fp⁻¹ by H, 9 × 9
+SLIP_BY_H = STATE_BY_H + 81  # ∂Δp/∂H of the moving systems, one after the other, NS × 9
 CONDENSED = SLIP_BY_H + 9 * NS  # (I + H·Y)⁻¹, 8 × 8
 DILATION = CONDENSED + NM * NM  # derivative of ln det(Fp⁰⁻¹·(I − A))/3, 9
 SCALE = DILATION + 9  # factor that gives Fp⁻¹ unit determinant, 1
@@ -255,14 +254,16 @@ def update(
     coupled: bool,
     state0: FloatArray,
     guess: FloatArray,
+    end: FloatArray,
     tolerance: float,
     most: int,
 ) -> int:
     """Solve a step at one point; returns the iterations, negative if there is no solution.
 
-    H: displacement gradient ∂u/∂X·R (9); R: crystal → specimen rotation (9); guess: S Δp (NS).
+    H: displacement gradient ∂u/∂X·R (9); R: crystal → specimen rotation (9); guess: S Δp
+    (NS); end: where most is 0 and the guess the solution, the state at the end, else unread.
     """
-    load_point(w, state0, p, skin, dt, exponential, guess, most == 0)
+    load_point(w, state0, p, skin, dt, exponential, guess, most == 0, end)
     for i in range(9):
         w[FT + i] = R[i] + H[i]
         w[FP0 + i] = state0[i]
@@ -301,48 +302,67 @@ def store(
 
 
 @kernel
-def _trial_change(w: FloatArray, p: FloatArray, width: int) -> None:
-    """D_FE and D_T, the change of T at fixed slips and constants for D_TRIAL."""
-    right(w, D_FE, D_TRIAL, False, GAIN, False, width)
-    _force_change(w, p, width)
-    left(w, D_T, TRIAL, True, ONE, False, width)
-    right(w, TWO, D_TRIAL, True, FES, False, width)
-    add(w, D_T, TWO, 1.0, width)
-
-
-@kernel
-def stress_change(w: FloatArray, p: FloatArray, width: int) -> None:
-    """TWO = change of Fe·S·(I − A)ᵀ at fixed constants; D_FE is completed by D_MODES."""
-    to_tensors(w, D_A, D_MODES, width)
-    left(w, TWO, TRIAL, False, D_A, False, width)
-    add(w, D_FE, TWO, -1.0, width)
-    _force_change(w, p, width)
-    right(w, TWO, ONE, False, GAIN, True, width)
-    left(w, ONE, FES, False, D_A, True, width)
-    add(w, TWO, ONE, -1.0, width)
-
-
-@kernel
 def modes_along_gradient(w: FloatArray, p: FloatArray) -> None:
-    """D_MODES (8, 9): change of A for each component of H; modes of D_T go to ONE."""
-    for i in range(81):
-        w[D_TRIAL + i] = 0.0
+    """D_MODES (8, 9): change of A for each component of H; also T_BY_H and FIXED_BY_H.
+
+    FP1 is that of the slips. F·FP0 and F·FP1 change by one row, which is one of FP0 or of FP1.
+    """
+    for a in range(3):
+        for b in range(3):
+            for row in range(3):
+                for column in range(3):
+                    w[ONE + 9 * (3 * a + b) + 3 * row + column] = (
+                        w[FE + 3 * row + a] * w[FP1 + 3 * column + b]
+                    )
+    cubic(w, D_S, ONE, p, 9)
+    left(w, ONE, FE, False, D_S, False, 9)
+    right(w, TWO, FP1, False, STRESS, False, 1)
     for row in range(3):
-        for column in range(3):
-            for k in range(3):
-                w[D_TRIAL + 9 * (3 * row + k) + 3 * row + column] = w[FP0 + 3 * column + k]
-    _trial_change(w, p, 9)
-    to_modes(w, ONE, D_T, 9)
-    over_modes(w, D_MODES, SLIP_STIFFNESS, ONE, 9)
+        for b in range(3):
+            for column in range(3):
+                w[ONE + 9 * (3 * row + b) + 3 * row + column] += w[TWO + 3 * column + b]
+    left(w, D_T, TRIAL, True, ONE, False, 9)
+    for a in range(3):
+        for b in range(3):
+            for row in range(3):
+                for column in range(3):
+                    w[D_T + 9 * (3 * a + b) + 3 * row + column] += (
+                        w[FP0 + 3 * column + a] * w[FES + 3 * row + b]
+                    )
+    right(w, FIXED_BY_H, ONE, False, FP1, True, 9)
+    to_modes(w, T_BY_H, D_T, 9)
+    over_modes(w, D_MODES, SLIP_STIFFNESS, T_BY_H, 9)
     solve(w, FACTOR, NM, D_MODES, 9)
+
+
+@kernel
+def stress_along_gradient(w: FloatArray, target: int) -> None:
+    """∂P/∂H (9, 9) from what `modes_along_gradient` leaves.
+
+    P and −T are derivatives of the same energy, by F and by A: ∂P/∂A is −∂T/∂H transposed.
+    """
+    for i in range(9):
+        t = T_BY_H + i
+        t0, t1, t2, t3 = w[t], w[t + 9], w[t + 18], w[t + 27]
+        t4, t5, t6, t7 = w[t + 36], w[t + 45], w[t + 54], w[t + 63]
+        for j in range(9):
+            w[target + 9 * i + j] = w[FIXED_BY_H + 9 * i + j] - (
+                t0 * w[D_MODES + j]
+                + t1 * w[D_MODES + 9 + j]
+                + t2 * w[D_MODES + 18 + j]
+                + t3 * w[D_MODES + 27 + j]
+                + t4 * w[D_MODES + 36 + j]
+                + t5 * w[D_MODES + 45 + j]
+                + t6 * w[D_MODES + 54 + j]
+                + t7 * w[D_MODES + 63 + j]
+            )
 
 
 @kernel
 def tangent(w: FloatArray, p: FloatArray, C: FloatArray) -> None:
     """Consistent tangent ∂P/∂H (9, 9)."""
     modes_along_gradient(w, p)
-    stress_change(w, p, 9)
-    right(w, ONE, TWO, False, FP0, True, 9)
+    stress_along_gradient(w, TWO)
     for i in range(9):
         for j in range(9):
-            C[i, j] = w[ONE + 9 * i + j]
+            C[i, j] = w[TWO + 9 * i + j]

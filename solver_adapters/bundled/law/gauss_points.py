@@ -68,7 +68,7 @@ class PointDerivatives:
     Attributes:
         stress: derivative of P [MPa], (n_points, 9, k).
         state: derivative of the state, (n_points, `Points.n_derived`, k).
-        by_slip: ∂Δp/∂H, (n_points, 9, n_systems).
+        by_slip: ∂Δp/∂H of the systems that move, (n_points, 9, n_systems).
         by_state: ∂/∂H of the nine kinematic numbers, (n_points, 9, 9).
         gains: derivative of x, S v, p and x2 of a system by its slip, (n_points, 4, n_systems), 0
             at rest.
@@ -272,6 +272,7 @@ class Points:
         self,
         H: FloatArray,
         state0: FloatArray,
+        state1: FloatArray,
         slips: FloatArray,
         dt: float,
         dH: FloatArray,
@@ -283,6 +284,7 @@ class Points:
         Args:
             H: as in `update`.
             state0: as in `update`.
+            state1: state at the end of the step, (n_points, n_state).
             slips: converged slips of the step, (n_points, n_systems).
             dt: as in `update`.
             dH: derivative of H, (n_points, 9, k).
@@ -306,6 +308,7 @@ class Points:
             self.coupled,
             H,
             state0,
+            state1,
             slips,
             dt,
             dH,

@@ -77,6 +77,7 @@ def update_small(
                 coupled,
                 state0[i],
                 guess[i],
+                state1[i],
                 SLIP_TOLERANCE,
                 MOST_ITERATIONS,
             )
@@ -125,6 +126,7 @@ def update_finite(
                 coupled,
                 state0[i],
                 guess[i],
+                state1[i],
                 SLIP_TOLERANCE,
                 MOST_ITERATIONS,
             )
@@ -147,6 +149,7 @@ def derive_small(
     coupled: bool,
     H: FloatArray,
     state0: FloatArray,
+    state1: FloatArray,
     slips: FloatArray,
     dt: float,
     dH: FloatArray,
@@ -182,13 +185,16 @@ def derive_small(
                 coupled,
                 state0[i],
                 slips[i],
+                state1[i],
                 0.0,
                 0,
             )
             _prepare_derivatives(w, local[g], exponential)
-            _small_response(w, frame[f], local[g], coupled, by_slip[i], by_state[i])
             _slip_gains(w, local[g], exponential, gains[i])
             count = _moving_systems(w, moving)
+            _small_response(
+                w, b, moving, count, frame[f], local[g], coupled, by_slip[i], by_state[i]
+            )
             if count > 0:
                 _small_constants(w, dt, local[g], skin[i], exponential, coupled, asked[g])
             for block in range(blocks):
@@ -235,6 +241,7 @@ def derive_finite(
     coupled: bool,
     H: FloatArray,
     state0: FloatArray,
+    state1: FloatArray,
     slips: FloatArray,
     dt: float,
     dH: FloatArray,
@@ -270,13 +277,14 @@ def derive_finite(
                 coupled,
                 state0[i],
                 slips[i],
+                state1[i],
                 0.0,
                 0,
             )
             _prepare_derivatives(w, local[g], exponential)
-            _finite_response(w, local[g], coupled, by_slip[i], by_state[i])
             _slip_gains(w, local[g], exponential, gains[i])
             count = _moving_systems(w, moving)
+            _finite_response(w, b, moving, count, local[g], coupled, by_slip[i], by_state[i])
             if count > 0:
                 _finite_constants(w, dt, local[g], skin[i], exponential, coupled, asked[g])
             for block in range(blocks):
@@ -330,7 +338,7 @@ def follow(
     """Add to derivatives of the state what a further change of the gradients makes.
 
     Args:
-        by_slip: ∂Δp/∂H, (n_points, 9, NS).
+        by_slip: ∂Δp/∂H of the systems that move, (n_points, 9, NS).
         by_state: derivative of the nine kinematic numbers, (n_points, 9, 9).
         gains: derivative of x, S v, p and x2 of a system by its slip, (n_points, 4, NS), 0 at rest.
         dH: (n_points, 9, k).

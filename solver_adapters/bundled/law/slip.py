@@ -93,10 +93,12 @@ def load_point(
     exponential: bool,
     guess: FloatArray,
     solved: bool,
+    end: FloatArray,
 ) -> None:
     """Put the state at the start of a step and the guess S Δp into the workspace.
 
-    skin: factor on τ0 at this point; solved: whether the guess is the solution, to be kept.
+    skin: factor on τ0 at this point; solved: whether the guess is the solution, to be kept, and
+    `end` the state at the end of the step, which is not read otherwise.
     """
     # What lies outside the workspace is read first: LLVM cannot know that it stays as it is. Rows
     # X0, OVER0 and ACC0 follow each other as they do in a state.
@@ -129,7 +131,10 @@ def load_point(
             rate = fast_log(max(w[SLIP + s], 1e-30) / dt)
             w[SLIP0 + s] = dt * fast_exp(n * start)
             w[VISCOUS + s] = K * fast_exp(n_inverse * rate)  # as `_overstress`, in one loop
-        _fall(w, n, solved)
+        if solved:
+            _have_fallen(w, n, end)
+        else:
+            _fall(w, n)
         _relax(w, n, solved)
     else:
         _overstress(w, p, dt)
@@ -146,7 +151,7 @@ def _overstress(w: FloatArray, p: FloatArray, dt: float) -> None:
 
 
 @kernel
-def _fall(w: FloatArray, n: float, solved: bool) -> None:
+def _fall(w: FloatArray, n: float) -> None:
     """Find the systems that begin to relax, from their slips; r becomes their unknown."""
     falling = 0.0
     for s in range(NS):
@@ -157,20 +162,23 @@ def _fall(w: FloatArray, n: float, solved: bool) -> None:
         falls = _begins_to_fall(w, s)
         w[LOG_RATIO + s] = fast_log(w[SLIP + s] / w[SLIP0 + s]) if falls else 0.0
         w[FALL + s] = near_fall(w[LOG_RATIO + s], n) if falls else w[FALL + s]
-    if solved:
-        # Newton's method is monotone from there: four steps reach the last digits for n from
-        # 1.5 to 100.
-        for _ in range(4):
-            for s in range(NS):
-                r = w[FALL + s]
-                e, e_a = decay(r), decay((n - 1.0) * r)
-                error = fast_log(rate_ratio(r, e, e_a, n)) - w[LOG_RATIO + s]
-                better = max(r + error / rate_slope(r, e, e_a, n), 0.0)
-                w[FALL + s] = better if w[LOG_RATIO + s] < 0.0 else r
     for s in range(NS):
         begun, r = w[LOG_RATIO + s] < 0.0, w[FALL + s]
         w[EASED + s] = decay(r) if begun else w[EASED + s]
         w[EASED_RATE + s] = decay((n - 1.0) * r) if begun else w[EASED_RATE + s]
+
+
+@kernel
+def _have_fallen(w: FloatArray, n: float, end: FloatArray) -> None:
+    """Find r of the systems that have relaxed, from their overstress at the end of the step."""
+    for s in range(NS):
+        over0, over = w[OVER0 + s], end[S_OVER + s]
+        falls = _begins_to_fall(w, s) and 0.0 < w[SIGN + s] * over < w[SIGN + s] * over0
+        share = over / over0 if falls else 1.0
+        r = -fast_log(share)
+        w[FALL + s] = r
+        w[EASED + s] = share
+        w[EASED_RATE + s] = decay((n - 1.0) * r)
 
 
 @kernel
@@ -380,7 +388,7 @@ def advance_slips(
     if leaving > 0.0:
         _overstress(w, p, dt)
     if exponential:
-        _fall(w, n, False)
+        _fall(w, n)
         _relax(w, n, False)
     for s in range(NS):
         w[SIGNED + s] = w[SIGN + s] * w[SLIP + s]

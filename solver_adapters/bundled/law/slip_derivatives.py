@@ -24,12 +24,9 @@ from .law_terms import (
     modulus_of,
 )
 from .simd_rows import B_EXPLICIT, B_OVER, B_STEP, LANES, bounded, clear
-from .slip import weigh_residual
 from .state_layout import S_ACC, S_OVER, S_X, S_X2
 from .workspace_layout import (
     ACC0,
-    D_TAU,
-    EXPLICIT,
     FALL,
     FALL_SLOPE,
     GROWTH,
@@ -42,7 +39,6 @@ from .workspace_layout import (
     RECALL,
     SIGN,
     SLIP,
-    STEP,
     UNHARDENED,
     VISCOUS,
     WEIGHT,
@@ -159,18 +155,6 @@ def project_rows(
             factor, t = sign * w[schmid + NS * k + s], target + LANES * k
             for m in range(width):
                 b[t + m] += factor * b[source + m]
-
-
-@kernel
-def slip_change(w: FloatArray, coupled: bool) -> None:
-    """STEP = change of the slips for the change D_TAU of the driving stresses; LOAD is scratch."""
-    if coupled:
-        for s in range(NS):
-            w[EXPLICIT + s] = w[SIGN + s] * w[D_TAU + s]
-        weigh_residual(w, EXPLICIT, coupled)
-        return
-    for s in range(NS):
-        w[STEP + s] = w[WEIGHT + s] * w[SIGN + s] * w[D_TAU + s]
 
 
 @kernel

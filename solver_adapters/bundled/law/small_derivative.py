@@ -20,6 +20,7 @@ from .constant_derivatives import (
 from .simd_rows import (
     B_EXPLICIT,
     B_SLIP_END,
+    B_STEP,
     LANES,
     add,
     bounded,
@@ -32,7 +33,6 @@ from .slip_derivatives import (
     advance_states,
     history_derivatives,
     project_rows,
-    slip_change,
     weigh_rows,
 )
 from .small_strain import (
@@ -48,11 +48,10 @@ from .small_strain import (
     STRESS,
     VOLUME,
     add_stress,
-    drive,
     resolve,
     strain_modes,
 )
-from .workspace_layout import D_TAU, OTHER, SIGN, STEP
+from .workspace_layout import OTHER, SIGN
 
 B_H = B_SLIP_END  # derivative of H, 9
 B_TRIAL = B_H + 9 * LANES  # of e* and the trace mode, 6
@@ -65,13 +64,19 @@ LANES_SIZE = B_CHANGE + 5 * LANES
 @kernel
 def response(
     w: FloatArray,
+    b: FloatArray,
+    moving: IntArray,
+    count: int,
     V: FloatArray,
     p: FloatArray,
     coupled: bool,
     by_slip: FloatArray,
     by_state: FloatArray,
 ) -> None:
-    """How slips (9, NS) and kinematic state (9, 9) of the step in the workspace follow H."""
+    """How slips (9, NS) and kinematic state (9, 9) of the step in the workspace follow H.
+
+    Slips of the moving systems alone, the first `count` of `moving`, are written.
+    """
     for k in range(25):
         w[ROWS + k] = 0.0
     for k in range(5):
@@ -87,12 +92,18 @@ def response(
         _invert(w, SCRATCH_MODES, CHANGE)
         for k in range(5):
             by_state[j, k] = V[k, j] - w[CHANGE + k] / (mu0 if k < 2 else mu1)
+            b[B_CHANGE + LANES * k + j] = w[CHANGE + k]
         for k in range(5, 9):
             by_state[j, k] = 0.0
-        drive(w, p, CHANGE, D_TAU)
-        slip_change(w, coupled)
-        for s in range(NS):
-            by_slip[j, s] = w[STEP + s]
+    clear(b, B_EXPLICIT, count, 9)
+    driving = DRIVING if p[P_A1] != 0.0 else SCHMID
+    for a in range(count):
+        s = moving[a]
+        sum5(b, B_EXPLICIT + LANES * a, B_CHANGE, w, driving + s, NS, w[SIGN + s], 9)
+    weigh_rows(w, b, coupled, moving, count, 9)
+    for a in range(count):
+        for j in range(9):
+            by_slip[j, moving[a]] = b[B_STEP + LANES * a + j]
 
 
 @kernel

@@ -248,16 +248,18 @@ def update(
     coupled: bool,
     state0: FloatArray,
     guess: FloatArray,
+    end: FloatArray,
     tolerance: float,
     most: int,
 ) -> int:
     """Solve a step at one point; returns the iterations, negative if it did not converge.
 
-    H: displacement gradient ∂u/∂x·R (9); V: modes times R (6, 9); guess: S Δp (NS).
+    H: displacement gradient ∂u/∂x·R (9); V: modes times R (6, 9); guess: S Δp
+    (NS); end: where most is 0 and the guess the solution, the state at the end, else unread.
     """
     mu0 = p[P_C11] - p[P_C12]
     mu1 = 2.0 * p[P_C44]
-    load_point(w, state0, p, skin, dt, exponential, guess, most == 0)
+    load_point(w, state0, p, skin, dt, exponential, guess, most == 0, end)
     _trial(w, H, V, state0)
     count = 0
     while True:

@@ -282,7 +282,7 @@ def test_directional_derivatives_are_the_complex_step_of_the_equations(solved: S
         state[:, 5:9] = 0.0
     out = solved.points.memory(count, n_state)
     out.state[:] = state
-    solved.points.derive(solved.H, solved.state, solved.slips, DT, H, tangents, out)
+    solved.points.derive(solved.H, solved.state, solved.end, solved.slips, DT, H, tangents, out)
     dP, dstate = out.stress, out.state
     for i in range(N_POINTS):
         step, slips = solved.step(i), solved.slips[i]
@@ -323,7 +323,7 @@ def test_what_follows_a_later_motion_completes_the_derivative(solved: Solved) ->
     def derive(along: AnyArray) -> PointDerivatives:
         s, out = solved, solved.points.memory(k, n_state)
         out.state[:] = start
-        s.points.derive(s.H, s.state, s.slips, DT, along, tangents, out)
+        s.points.derive(s.H, s.state, s.end, s.slips, DT, along, tangents, out)
         return out
 
     whole, following = derive(dH).state, derive(np.zeros_like(dH))
@@ -348,7 +348,7 @@ def test_a_constant_has_the_derivative_alone_in_one_grain_that_it_has_beside_all
         tangents = PointTangents(local, np.tile(none, (2, 1)), still, none, np.zeros((1, N_POINTS)))
         s, out = solved, solved.points.memory(k, n_state)
         out.state[:] = 0.0
-        s.points.derive(s.H, s.state, s.slips, DT, np.zeros((N_POINTS, 9, k)), tangents, out)
+        s.points.derive(s.H, s.state, s.end, s.slips, DT, np.zeros((N_POINTS, 9, k)), tangents, out)
         return out
 
     together = derive(np.tile(np.eye(N_LOCAL), (2, 1, 1)))

@@ -67,7 +67,9 @@ class Point:
         """The workspace with slips S Δp to begin with."""
         w, s = np.zeros(rows.N_SLIP_ROWS), self.step
         kernels.prepare_slip(w, s.interaction, system_modes(BCC).sense)
-        kernels.load_point(w, s.state, s.constants, 1.0, DT, s.exponential, slips, solved)
+        end = np.zeros(N_STATE)
+        end[S_OVER:S_ACC] = np.sign(slips) * reference.overstress(s, slips).real
+        kernels.load_point(w, s.state, s.constants, 1.0, DT, s.exponential, slips, solved, end)
         return w
 
     def evaluate(self, w: FloatArray) -> float:
