@@ -9,9 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import ModuleType
 
+from meshes.kept_signals import signals_kept
 from meshes.system_libraries import SystemLibraryError, preload, private_folder
-
-_ACTION = 1024  # bytes, more than `struct sigaction` has on any system
 
 
 def load_gmsh() -> ModuleType:
@@ -42,20 +41,13 @@ def running_gmsh() -> Iterator[ModuleType]:
     # Without interruptible=False gmsh takes over SIGINT, and only the main thread may do that.
     # These it gives their default in any case: a child that ends, or the end of a terminal that is
     # to be ignored, would end this process, too.
-    # All that was set for them comes back: with `signal` of C alone a lock that is waited for would
-    # keep Python from hearing of a signal.
     library = ctypes.CDLL(None)
     library.signal.argtypes = (ctypes.c_int, ctypes.c_void_p)
     defaulted = (signal.SIGPIPE, signal.SIGTERM, signal.SIGHUP)
-    before = {each: ctypes.create_string_buffer(_ACTION) for each in defaulted}
-    for each, action in before.items():
-        library.sigaction(int(each), None, action)
-        library.signal(each, int(signal.SIG_IGN))
-    try:
+    with signals_kept(defaulted):
+        for each in defaulted:
+            library.signal(each, int(signal.SIG_IGN))
         gmsh.initialize(readConfigFiles=False, interruptible=False)
-    finally:
-        for each, action in before.items():
-            library.sigaction(int(each), action, None)
     try:
         yield gmsh
     finally:

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -88,3 +93,34 @@ def test_the_factor_of_a_solid_has_a_sixth_fewer_entries_than_by_minimum_degree(
     pattern = _pattern(mesh.cells, len(mesh.points))
     dissected = _entries(pattern, matrix(elimination_order(mesh.cells, pattern.free)))
     assert dissected < 5 / 6 * _entries(pattern)
+
+
+ORDER_AND_WAIT = """
+import os, signal, threading
+import numpy as np
+from solver_adapters.bundled.linear.nested_dissection import elimination_order
+
+signal.signal(signal.SIGTERM, signal.default_int_handler)
+elimination_order(np.arange(24).reshape(3, 8), np.arange(72))
+lock = threading.Lock()
+lock.acquire()
+threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGTERM)).start()
+late = threading.Timer(10.0, os._exit, (1,))
+late.start()
+try:
+    lock.acquire()
+except KeyboardInterrupt:
+    late.cancel()
+    print("stopped")
+"""
+
+
+def test_a_process_that_has_ordered_hears_of_a_signal_as_it_waits_for_others() -> None:
+    """As a diagnosis does whose processes are at work: SIGTERM came to nothing until one ended."""
+    ended = subprocess.run(
+        [sys.executable, "-c", ORDER_AND_WAIT],
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[4])},
+        capture_output=True,
+        text=True,
+    )
+    assert (ended.returncode, ended.stdout) == (0, "stopped\n")
