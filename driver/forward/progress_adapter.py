@@ -12,8 +12,6 @@ from driver.common.progress import PASSING
 from driver.common.remaining import simulated
 from solver_adapters.interface import Adapter, Capabilities, Progress, Response, Simulation
 
-_READ = 0.01  # share of its time, below which a simulation was not run
-
 logger = logging.getLogger(__name__)
 
 
@@ -48,8 +46,11 @@ class ProgressAdapter:
         progress: Callable[[Progress], None] | None = None,
     ) -> Response:
         """Run a simulation; what it raises is what the solver raises."""
+        ran = False
 
         def show(state: Progress) -> None:
+            nonlocal ran
+            ran = ran or not state.holder
             if state.time < state.end:
                 logger.log(PASSING, sentence_of(state))
             if progress is not None:
@@ -58,8 +59,8 @@ class ProgressAdapter:
         began = monotonic()
         response = self.inner.solve(simulation, workspace, show)
         seconds, foreseen = monotonic() - began, self.foreseen and self.foreseen(simulation)
-        # What an interrupted run has kept is only read.
-        if foreseen and seconds > _READ * foreseen:
+        # What an interrupted run has kept is only read, and nothing is told of it meanwhile.
+        if foreseen and ran:
             simulated(seconds, foreseen)
         return response
 
