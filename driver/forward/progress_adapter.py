@@ -12,6 +12,8 @@ from driver.common.progress import PASSING
 from driver.common.remaining import simulated
 from solver_adapters.interface import Adapter, Capabilities, Progress, Response, Simulation
 
+_READ = 0.01  # share of its time, below which a job was not run
+
 logger = logging.getLogger(__name__)
 
 
@@ -46,11 +48,11 @@ class ProgressAdapter:
         progress: Callable[[Progress], None] | None = None,
     ) -> Response:
         """Run a simulation; what it raises is what the solver raises."""
-        ran = False
+        told = False
 
         def show(state: Progress) -> None:
-            nonlocal ran
-            ran = ran or not state.holder
+            nonlocal told
+            told = True
             if state.time < state.end:
                 logger.log(PASSING, sentence_of(state))
             if progress is not None:
@@ -59,8 +61,9 @@ class ProgressAdapter:
         began = monotonic()
         response = self.inner.solve(simulation, workspace, show)
         seconds, foreseen = monotonic() - began, self.foreseen and self.foreseen(simulation)
-        # What an interrupted run has kept is only read, and nothing is told of it meanwhile.
-        if foreseen and ran:
+        # What an interrupted run has kept is only read: in this process nothing is told meanwhile.
+        in_process = self.inner.capabilities().in_process
+        if foreseen and (told if in_process else seconds > _READ * foreseen):
             simulated(seconds, foreseen)
         return response
 

@@ -12,8 +12,8 @@ Steps of an update (F is the deformation gradient times the crystal rotation):
 With a non-Schmid term the second N of H is that of the driving stress; with latent hardening w is
 a matrix. Both make the tangent unsymmetric.
 
-Names with D_ are changes along `width` directions at once: the same formulas serve Y (8
-directions), the tangent (9) and a derivative (1).
+Names with D_ are changes along several directions at once: the eight modes for Y, the nine
+components of H for the tangent.
 """
 
 from meshes.arrays import FloatArray
@@ -73,12 +73,12 @@ UNIT = FORCE + NM  # the eight modes themselves as tensors, 9 × 8
 SLIP_STIFFNESS = UNIT + 9 * NM  # H, 8 × 8
 SOFTENING = SLIP_STIFFNESS + NM * NM  # Y, 8 × 8
 FACTOR = SOFTENING + NM * NM  # LU of I + H·Y, 8 × 8
-D_FE = FACTOR + NM * NM
-D_S = D_FE + 81
-D_T = D_S + 81
-D_A = D_T + 81
-D_MODES = D_A + 81  # modes of D_A
-T_BY_H = D_MODES + 81  # modes of ∂T/∂H at fixed A, 8 × 9
+D_FE = FACTOR + NM * NM  # along the modes, 9 × 8
+D_S = D_FE + 9 * NM  # of S, 9 × 9
+D_T = D_S + 81  # of T at fixed A, 9 × 9
+D_A = D_T + 81  # of A, 9 × 9
+D_MODES = D_A + 81  # modes of D_A, 8 × 9
+T_BY_H = D_MODES + 9 * NM  # modes of ∂T/∂H at fixed A, 8 × 9
 FIXED_BY_H = T_BY_H + 9 * NM  # ∂P/∂H at fixed A, 9 × 9
 ONE = FIXED_BY_H + 81  # scratch, as the next
 TWO = ONE + 81
@@ -197,13 +197,13 @@ def _evaluate(w: FloatArray, p: FloatArray, dt: float, exponential: bool, couple
 
 
 @kernel
-def _force_change(w: FloatArray, p: FloatArray, width: int) -> None:
-    """D_S = C : (Feᵀ·D_FE), then ONE = D_FE·S + Fe·D_S."""
-    left(w, ONE, FE, True, D_FE, False, width)
-    cubic(w, D_S, ONE, p, width)
-    right(w, ONE, D_FE, False, STRESS, False, width)
-    left(w, TWO, FE, False, D_S, False, width)
-    add(w, ONE, TWO, 1.0, width)
+def _force_change(w: FloatArray, p: FloatArray) -> None:
+    """D_S = C : (Feᵀ·D_FE), then ONE = D_FE·S + Fe·D_S, along the modes."""
+    left(w, ONE, FE, True, D_FE, False, NM)
+    cubic(w, D_S, ONE, p, NM)
+    right(w, ONE, D_FE, False, STRESS, False, NM)
+    left(w, TWO, FE, False, D_S, False, NM)
+    add(w, ONE, TWO, 1.0, NM)
 
 
 @kernel
@@ -220,7 +220,7 @@ def _condense(w: FloatArray, p: FloatArray, coupled: bool) -> None:
             for k in range(NM):
                 w[SLIP_STIFFNESS + NM * k + i] = w[SCRATCH_MODES + k]
     left(w, D_FE, TRIAL, False, UNIT, False, NM)
-    _force_change(w, p, NM)
+    _force_change(w, p)
     left(w, TWO, TRIAL, True, ONE, False, NM)
     to_modes(w, SOFTENING, TWO, NM)
     over_modes(w, FACTOR, SLIP_STIFFNESS, SOFTENING, NM)
@@ -360,7 +360,7 @@ def stress_along_gradient(w: FloatArray, target: int) -> None:
 
 @kernel
 def tangent(w: FloatArray, p: FloatArray, C: FloatArray) -> None:
-    """Consistent tangent ∂P/∂H (9, 9)."""
+    """Consistent tangent ∂P/∂H (9, 9), after `store`."""
     modes_along_gradient(w, p)
     stress_along_gradient(w, TWO)
     for i in range(9):

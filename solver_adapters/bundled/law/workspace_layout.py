@@ -28,10 +28,10 @@ VISCOUS = 14 * NS  # overstress v at the end of the step
 FALL = 15 * NS  # r = ln(v⁰/v) where the overstress relaxes, else 0
 D_TAU = 16 * NS  # change of τ
 LOAD = 17 * NS  # S STEP, which loads the condensed system
-EXPLICIT = 18 * NS  # scratch: a derivative of the residual at fixed Δp
+EXPLICIT = 18 * NS  # scratch: what a change of elasticity makes of τ at fixed Δp
 SIGNED = 19 * NS  # S Δp
 WEIGHTED = 20 * NS  # weights times one mode of the Schmid tensors
-STEP = 21 * NS  # change of the slips: weights times a residual or its derivative
+STEP = 21 * NS  # change of the slips: weights times a residual
 X20 = 22 * NS  # second back strain at the start of the step
 X2HAT = 23 * NS  # S_s times the second back strain at the end of the step
 OTHER = 24 * NS  # shear stress on the conjugate plane (non-Schmid)

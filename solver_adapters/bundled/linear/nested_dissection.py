@@ -8,8 +8,7 @@ factor with fewer entries than minimum degree does, the more so the more cells t
 
 from __future__ import annotations
 
-from signal import SIGABRT, SIGTERM
-from threading import Lock
+from signal import SIGABRT, SIGTERM, raise_signal
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,8 +16,6 @@ from pymetis import CSRAdjacency, nested_dissection
 
 from meshes.arrays import IntArray
 from meshes.kept_signals import signals_kept
-
-_ONE_AT_A_TIME = Lock()
 
 
 def elimination_order(cells: IntArray, free: IntArray) -> IntArray:
@@ -41,9 +38,23 @@ def elimination_order(cells: IntArray, free: IntArray) -> IntArray:
     neighbours = (of_cells.T @ of_cells).tocsr()
     neighbours.setdiag(0.0)
     neighbours.eliminate_zeros()
-    # METIS traps SIGABRT and SIGTERM while it works; of two threads each would trap the other's.
-    with _ONE_AT_A_TIME, signals_kept((SIGABRT, SIGTERM)):
-        first, _ = nested_dissection(CSRAdjacency(neighbours.indptr, neighbours.indices))
+    first = _ordered(CSRAdjacency(neighbours.indptr, neighbours.indices))
     place = np.empty(nodes.size, dtype=np.int64)
-    place[np.array(first, dtype=np.int64)] = np.arange(nodes.size)
+    place[first] = np.arange(nodes.size)
     return np.argsort(place[node_of], kind="stable")
+
+
+def _ordered(graph: CSRAdjacency) -> IntArray:
+    """Nodes in the order of their elimination; a SIGTERM that METIS traps comes afterwards."""
+    try:
+        return _dissected(graph)
+    except RuntimeError:  # all that is told of a signal
+        first = _dissected(graph)
+        raise_signal(SIGTERM)
+        return first
+
+
+def _dissected(graph: CSRAdjacency) -> IntArray:
+    with signals_kept((SIGABRT, SIGTERM)):
+        first, _ = nested_dissection(graph)
+    return np.array(first, dtype=np.int64)

@@ -2,14 +2,17 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+
+import pytest
 
 from driver.common.progress import progress_to
 from driver.common.remaining import foretold
 from driver.forward.progress_adapter import ProgressAdapter, sentence_of
 from driver.results.kept_responses import KeptResponses
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.interface import Progress, Simulation
+from solver_adapters.interface import Capabilities, Progress, Response, Simulation
 from solver_adapters.material import Material
 from tools.boxes import box, pulled
 
@@ -55,6 +58,21 @@ def test_another_process_gets_the_solver_alone() -> None:
     assert type(sent) is BundledAdapter
 
 
+class Job(BundledAdapter):
+    """A program of its own that tells nothing of its runs."""
+
+    def capabilities(self) -> Capabilities:
+        return replace(super().capabilities(), in_process=False)
+
+    def solve(
+        self,
+        simulation: Simulation,
+        workspace: Path | None = None,
+        progress: Callable[[Progress], None] | None = None,
+    ) -> Response:
+        return super().solve(simulation)
+
+
 def constant(seconds: float) -> Callable[[Simulation], float]:
     return lambda simulation: seconds
 
@@ -67,3 +85,12 @@ def test_a_run_renews_what_is_left_and_a_kept_response_does_not(tmp_path: Path) 
         with foretold({"identify": 1.0}, ("identify",)) as remaining:
             solver.solve(simulation)
             assert (remaining.factor != 1.0) == runs
+
+
+@pytest.mark.parametrize(("foreseen", "counts"), [(1e-3, True), (1e6, False)])
+def test_a_job_renews_what_is_left_where_it_took_its_time(foreseen: float, counts: bool) -> None:
+    """It may tell of nothing, and one of the store is read in next to no time."""
+    simulation = pulled(box(), Material(strain_measure="small"), (0.001, 0.002))
+    with foretold({"identify": 1.0}, ("identify",)) as remaining:
+        ProgressAdapter(Job(), constant(foreseen)).solve(simulation)
+        assert (remaining.factor != 1.0) == counts

@@ -360,3 +360,44 @@ def test_a_constant_has_the_derivative_alone_in_one_grain_that_it_has_beside_all
             expected = np.where(in_it[:, None], of_all[:, :, constant], 0.0)
             scale = 1e-12 * abs(expected).max()
             np.testing.assert_allclose(of_it[:, :, 0], expected, rtol=0, atol=scale)
+
+
+def test_a_point_has_the_derivatives_that_it_has_without_any_before_it(
+    measure: StrainMeasure, law: str, exponential: bool
+) -> None:
+    """Points in turn share memory, of which each has to write what it reads."""
+    parts = [_solve(measure, loading, law, exponential) for loading in LOADINGS.values()]
+    rng = np.random.default_rng(5)
+    order = rng.permutation(np.tile(np.arange(N_POINTS * len(parts)), 4))
+    H, state, end, slips = (
+        np.concatenate([getattr(part, name) for part in parts])[order]
+        for name in ("H", "state", "end", "slips")
+    )
+    k, n, n_state = 3, order.size, state.shape[1]
+    dH = 1e-3 * rng.normal(size=(n, 9, k))
+    start = 1e-4 * rng.normal(size=(n, n_state, k))
+    start[:, parts[0].over] *= (state[:, parts[0].over] != 0.0)[:, :, None]
+    local, none = rng.normal(size=(2, k, N_LOCAL)), np.zeros(k, dtype=np.int64)
+
+    def derive(which: AnyArray) -> PointDerivatives:
+        rows = order[which] % N_POINTS
+        one = parts[0].points
+        points = replace(one, grain=GRAIN[rows], frame_of=GRAIN[rows], skin=one.skin[rows])
+        still = points.frame(np.zeros((1, 2, 3, 3)))
+        tangents = PointTangents(
+            local, np.tile(none, (2, 1)), still, none, np.zeros((1, which.size))
+        )
+        out = points.memory(k, n_state)
+        out.state[:], out.by_slip[:] = start[which], np.nan
+        points.derive(
+            H[which], state[which], end[which], slips[which], DT, dH[which], tangents, out
+        )
+        out.follow(dH[which])
+        return out
+
+    together = derive(np.arange(n))
+    for first in range(0, n, 16):  # as many as have memory of their own
+        which = np.arange(first, min(first + 16, n))
+        alone = derive(which)
+        np.testing.assert_array_equal(together.stress[which], alone.stress)
+        np.testing.assert_array_equal(together.state[which], alone.state)
