@@ -10,6 +10,7 @@ import pytest
 from meshes.gmsh_library import load_gmsh, running_gmsh
 from meshes.system_libraries import SystemLibraryError
 from solver_adapters.kernels import PACKAGES
+from tests.support.waiting import hears_as_it_waits
 
 
 def test_gmsh_meshes() -> None:
@@ -71,35 +72,17 @@ def test_a_process_that_has_meshed_heeds_and_ignores_signals_as_before() -> None
     assert (ended.returncode, ended.stdout) == (0, "inside\nafter\nasked to end\ninterrupted\n")
 
 
-MESH_AND_WAIT = """
-import os, signal, threading
+MESH = """
 from meshes.gmsh_library import running_gmsh
 
-signal.signal(signal.SIGTERM, signal.default_int_handler)
 with running_gmsh():
     pass
-lock = threading.Lock()
-lock.acquire()
-threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGTERM)).start()
-late = threading.Timer(10.0, os._exit, (1,))
-late.start()
-try:
-    lock.acquire()
-except KeyboardInterrupt:
-    late.cancel()
-    print("stopped")
 """
 
 
 def test_a_process_that_has_meshed_hears_of_a_signal_as_it_waits_for_others() -> None:
     """As a run does whose processes are at work: SIGTERM came to nothing until one had ended."""
-    ended = subprocess.run(
-        [sys.executable, "-c", MESH_AND_WAIT],
-        env={**os.environ, "PYTHONPATH": str(PACKAGES)},
-        capture_output=True,
-        text=True,
-    )
-    assert (ended.returncode, ended.stdout) == (0, "stopped\n")
+    assert hears_as_it_waits(MESH, "SIGTERM")
 
 
 def heard() -> None:

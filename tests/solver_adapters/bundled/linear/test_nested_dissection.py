@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -17,6 +12,7 @@ from solver_adapters.bundled.linear import nested_dissection as module
 from solver_adapters.bundled.linear.nested_dissection import elimination_order
 from solver_adapters.cholesky import Cholesky
 from solver_adapters.cholmod import cholmod, matrix, spmatrix
+from tests.support.waiting import hears_as_it_waits, said_by
 from tools.boxes import box, hex_box
 
 
@@ -96,31 +92,18 @@ def test_the_factor_of_a_solid_has_a_sixth_fewer_entries_than_by_minimum_degree(
     assert dissected < 5 / 6 * _entries(pattern)
 
 
-ORDER_AND_WAIT = """
-import os, signal, sys, threading
+ORDER = """
 import numpy as np
 from solver_adapters.bundled.linear.nested_dissection import elimination_order
 
-number = signal.Signals[sys.argv[1]]
-signal.signal(number, signal.default_int_handler)
 elimination_order(np.arange(24).reshape(3, 8), np.arange(72))
-lock = threading.Lock()
-lock.acquire()
-threading.Timer(0.2, os.kill, (os.getpid(), number)).start()
-late = threading.Timer(10.0, os._exit, (1,))
-late.start()
-try:
-    lock.acquire()
-except KeyboardInterrupt:
-    late.cancel()
-    print("stopped")
 """
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGABRT"])
 def test_a_process_that_has_ordered_hears_of_a_signal_as_it_waits_for_others(name: str) -> None:
     """As a diagnosis does whose processes are at work: SIGTERM came to nothing until one ended."""
-    assert _said(ORDER_AND_WAIT, name) == (0, "stopped\n")
+    assert hears_as_it_waits(ORDER, name)
 
 
 INTERRUPTED = """
@@ -167,7 +150,7 @@ print(len(tries), np.array_equal(order, again), *heard)
 
 def test_a_signal_that_comes_while_metis_orders_is_heard_once_it_has() -> None:
     """METIS traps it, leaves it blocked, and the binding tells of an unknown error."""
-    assert _said(INTERRUPTED) == (0, "2 True heard\n")
+    assert said_by(INTERRUPTED) == (0, "2 True heard\n")
 
 
 def test_what_metis_refuses_twice_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -177,15 +160,3 @@ def test_what_metis_refuses_twice_is_told(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(module, "nested_dissection", refused)
     with pytest.raises(RuntimeError, match="no memory"):
         elimination_order(np.arange(24).reshape(3, 8), np.arange(72))
-
-
-def _said(program: str, *words: str) -> tuple[int, str]:
-    """Exit code and output of a program in a process of its own."""
-    ended = subprocess.run(
-        [sys.executable, "-c", program, *words],
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[4])},
-        capture_output=True,
-        text=True,
-        timeout=120.0,
-    )
-    return ended.returncode, ended.stdout
