@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from driver.case.model import Case
 from driver.diagnosis.causes.all_causes import every, names
 from driver.diagnosis.causes.causes import Cause
-from driver.diagnosis.search.looks_in_places import SEEN_FINER
+from driver.diagnosis.search.looks_in_places import SEEN_FINER, SIDES
 from driver.experiment.image_sizes import stack_size
 from driver.forward.build import size_of_second_mesh
 from driver.forward.cost import PROCESS_BYTES, simulation_memory, steps_seconds, systems_of
@@ -196,9 +196,9 @@ def _causes(case: Case) -> int:
     )
 
 
-def _places(case: Case) -> int:
-    """How many places a cause may be looked for in."""
-    return sum(len(cause.places) for cause in _of_library(case))
+def _looks_in_places(case: Case) -> int:
+    """How many looks there may be at causes that lie somewhere."""
+    return sum(len(SIDES) * len(cause.places) for cause in _of_library(case))
 
 
 def _finer_looks(case: Case) -> int:
@@ -209,7 +209,7 @@ def _finer_looks(case: Case) -> int:
 
 def _looks(case: Case) -> int:
     """How many looks from afar a round may have."""
-    return _places(case) + _SIDES * sum(cause.strongly_nonlinear for cause in _of_library(case))
+    return _looks_in_places(case) + _SIDES * sum(cause.strongly_nonlinear for cause in _of_library(case))
 
 
 def _of_library(case: Case) -> list[Cause]:

@@ -176,7 +176,7 @@ def _from_its_start(
 def _begun(begin: Side, extended: Objective, most: float) -> dict[str, float]:
     """Return every parameter where a refit begins.
 
-    The cause has the size that the change bears, of a band of either sign.
+    The cause has the size that the change bears.
 
     Args:
         begin: the look.

@@ -28,8 +28,8 @@ from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.diagnosis.search.corrected_looks import refit_from_look, seen_corrected
-from driver.diagnosis.search.looks import Side, Task, promises, seen_at
-from driver.diagnosis.search.looks_in_places import looks_in_places
+from driver.diagnosis.search.looks import Side, Task, on_its_side, promises, seen_at
+from driver.diagnosis.search.looks_in_places import SIDES, looks_in_places
 from driver.diagnosis.search.refit import (
     FAR,
     MOST_FROM_AFAR,
@@ -101,7 +101,7 @@ def finite_step_scores(
     Those that hide come first, where their derivative does not show them or has a kink. The others
     come where something is wrong (the tests reject, or a cause is seen by its derivative or from
     afar), and those that hide but do not here. Each costs two simulations and a finer one for each
-    that promises something; one where its parameter is an instrument's; or one for each of its
+    that promises something; one where its parameter is an instrument's; or two for each of its
     places, and a finer one for each of the two of these that promise most. A refit follows where
     they promise something beside the best cause so far.
 
@@ -148,7 +148,7 @@ def finite_step_scores(
 def _tries(bent: Sequence[Score]) -> int:
     """How many tries the looks at some causes are."""
     return sum(
-        _REFITS + (len(s.cause.places) or _LOOKS) + (_MORE_OF_A_KINK if s.cause.kinked else 0)
+        _REFITS + (len(SIDES) * len(s.cause.places) or _LOOKS) + (_MORE_OF_A_KINK if s.cause.kinked else 0)
         for s in bent
     )
 
@@ -159,7 +159,7 @@ def _of_the_mean(scores: Sequence[Score]) -> list[Score]:
 
 
 def _look(task: Task) -> _Look:
-    """Both sides or all places of a cause, and a refit from the one that promises most."""
+    """Both sides of a cause, in all places, and a refit from the look that promises most."""
     with collected_lines() as lines:
         best, refits = _best_score(task)
     return _Look(best, tuple(refits), tuple(lines))
@@ -174,7 +174,7 @@ def _best_score(task: Task) -> tuple[Score, list[Refit]]:
     else:
         sides = _both_sides(task, extended)
     promising = [
-        one for one in sides if _on_its_side(one) and _may_be_far(one.score) and promises(one)
+        one for one in sides if on_its_side(one) and _may_be_far(one.score) and promises(one)
     ]
     scores = [near, *(one.score for one in promising)]
     refits: list[Refit] = []
@@ -218,13 +218,8 @@ def _both_sides(task: Task, extended: Objective) -> list[Side]:
     sides = [seen_at(task, at, n) for at, n in _sides(near, task.here, extended) if n]
     if not extended.model.simulated(name):
         return sides
-    again = [place for place, s in enumerate(sides) if _on_its_side(s) and promises(s)]
+    again = [place for place, s in enumerate(sides) if on_its_side(s) and promises(s)]
     return seen_corrected(task, extended, sides, again, name)
-
-
-def _on_its_side(side: Side) -> bool:
-    """Whether a look puts a cause on the side where it was looked at."""
-    return bool(side.score.cause.places) or side.score.estimate[0] * side.amount > 0
 
 
 def _visible(near: Score, sides: Sequence[Side]) -> list[FloatArray]:

@@ -78,3 +78,8 @@ def seen_at(task: Task, at: Evaluation, amount: float) -> Side:
 def promises(side: Side) -> bool:
     """Whether what a look shows is hardly noise."""
     return bool(chi2_sf(side.score.statistic, side.score.degrees) < PROMISING)
+
+
+def on_its_side(side: Side) -> bool:
+    """Whether a look puts a cause on the side where it was looked at."""
+    return bool(side.score.estimate[0] * side.amount > 0)
