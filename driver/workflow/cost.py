@@ -209,7 +209,8 @@ def _finer_looks(case: Case) -> int:
 
 def _looks(case: Case) -> int:
     """How many looks from afar a round may have."""
-    return _looks_in_places(case) + _SIDES * sum(cause.strongly_nonlinear for cause in _of_library(case))
+    bent = sum(cause.strongly_nonlinear for cause in _of_library(case))
+    return _looks_in_places(case) + _SIDES * bent
 
 
 def _of_library(case: Case) -> list[Cause]:

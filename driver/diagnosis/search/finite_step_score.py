@@ -148,7 +148,9 @@ def finite_step_scores(
 def _tries(bent: Sequence[Score]) -> int:
     """How many tries the looks at some causes are."""
     return sum(
-        _REFITS + (len(SIDES) * len(s.cause.places) or _LOOKS) + (_MORE_OF_A_KINK if s.cause.kinked else 0)
+        _REFITS
+        + (len(SIDES) * len(s.cause.places) or _LOOKS)
+        + (_MORE_OF_A_KINK if s.cause.kinked else 0)
         for s in bent
     )
 
