@@ -50,6 +50,8 @@ from meshes.arrays import FloatArray
 logger = logging.getLogger(__name__)
 
 HOPEFUL = 0.5  # of the best log evidence of any cause so far, which a side has to promise as well
+_SHOWN_IN_A_PLACE = 0.5
+"""Share of what the refit gains: 0.2 to 0.5 where both were seen, for width and place are free."""
 BESIDE_A_KINK = 1.0 / 3.0
 """Prior scales: of a lag 1 s, beyond the half second in which its rate changes (`load_at`)."""
 _SURE = 2.0  # standard deviations by which an amount is known
@@ -180,7 +182,7 @@ def _best_score(task: Task) -> tuple[Score, list[Refit]]:
     ]
     scores = [near, *(one.score for one in promising)]
     refits: list[Refit] = []
-    worth = [one for one in promising if one.score.log_evidence > task.least]
+    worth = [one for one in promising if one.score.log_evidence > _least_evidence(task)]
     if near.cause.places:
         scores = [near]  # a place alone has neither the evidence nor the size of its refit
     if worth:
@@ -207,6 +209,12 @@ def _best_score(task: Task) -> tuple[Score, list[Refit]]:
     if best.p < NAMING_LEVEL:
         best = replace(best, visible=np.minimum(best.visible, np.abs(best.estimate)))
     return best, refits
+
+
+def _least_evidence(task: Task) -> float:
+    """Return the log evidence that a look has to promise for a refit."""
+    shown = _SHOWN_IN_A_PLACE if task.near.cause.places else 1.0
+    return max(WORTH, shown * task.least)
 
 
 def _both_sides(task: Task, extended: Objective) -> list[Side]:

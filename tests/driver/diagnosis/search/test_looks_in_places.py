@@ -184,6 +184,20 @@ def test_a_refit_begins_where_a_place_was_seen_under_its_own_correction(
     assert [side.is_corrected for side in begun] == [True]
 
 
+@pytest.mark.parametrize(("times", "refits"), [(3.0, 1), (5.0, 0)])
+def test_a_band_is_refitted_where_a_place_promises_a_quarter_of_the_best(
+    times: float, refits: int
+) -> None:
+    """Place and width are free in its refit, and a look knows neither."""
+    hidden = with_band(-0.3)
+    near = score_of(hidden.scores, "band_grain2")
+    task = looks.Task(near, hidden.fit, hidden.objective, finer_of(hidden), 10, 1.0, 1.0)
+    sides = looks_in_places.looks_in_places(task, with_prior(hidden.objective, near.cause))
+    shown = max(side.score.log_evidence for side in sides if side.is_corrected)
+    rival = replace(score_of(hidden.scores, "cold_work"), log_evidence=times * shown)
+    assert len(look(with_scores(hidden, rival), accepted=False).refits) == refits
+
+
 @pytest.mark.parametrize("failing", [1, 2])
 def test_a_correction_that_fails_leaves_what_was_seen_and_fitted_before(
     monkeypatch: pytest.MonkeyPatch, failing: int
