@@ -25,7 +25,7 @@ from driver.report.identified_tables import core
 from driver.report.labels import cause_label, reading_unit
 from driver.report.slip import grain_slips
 from driver.report.style import literal
-from driver.report.tables import ordered
+from driver.report.tables import less_corrected, ordered
 from meshes.arrays import FloatArray
 
 _STAGE_NAMES = {
@@ -138,12 +138,14 @@ def _matrices(findings: Findings) -> Iterator[tuple[str, Figure]]:
 def _evidence(step: Record) -> Figure:
     causes = ordered(step["causes"])
     refits = [c["refit"]["log_evidence"] if c["refit"] else np.nan for c in causes]
+    winner = next((k for k, c in enumerate(causes) if c["cause"] in step["named"][:1]), None)
     return evidence_figures.evidence(
         [cause_label(cause["cause"]) for cause in causes],
         [cause["category"] for cause in causes],
         np.array([cause["log_evidence"] for cause in causes]),
         np.array(refits),
-        next((k for k, c in enumerate(causes) if c["cause"] in step["named"][:1]), None),
+        winner,
+        [] if winner is None else less_corrected(causes, causes[winner]),
     )
 
 

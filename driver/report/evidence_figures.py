@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -32,6 +32,7 @@ def evidence(
     score: FloatArray,
     refit: FloatArray,
     winner: int | None,
+    less_corrected: Collection[int] = (),
 ) -> Figure:
     """Log evidence of every cause on a linear axis: how far it is behind the added one.
 
@@ -44,6 +45,7 @@ def evidence(
         score: log evidence of the first-order screening, shape (n,).
         refit: log evidence of the refit, NaN where there is none, shape (n,).
         winner: the place of the cause that the round added, None where it added none.
+        less_corrected: places of refits whose correction was taken farther from their end.
     """
     n = len(names)
     figure = new_figure(0.255 * n + 1.45)
@@ -56,7 +58,8 @@ def evidence(
         alpha = _FAINT if cut_off else _PALE if np.isnan(refit[place]) else 1.0
         axis.barh(place, max(behind[place], low), height=0.72, color=colour, alpha=alpha,
                   edgecolor=MEASURED if place == winner else colour,
-                  lw=2.0 if place == winner else 0.6)  # fmt: skip
+                  lw=2.0 if place == winner else 0.6,
+                  fill=place not in less_corrected)  # fmt: skip
         if cut_off:
             axis.plot(low, place, "<", ms=6, color=MEASURED, clip_on=False)
         text = signed_evidence(best[place])
@@ -80,7 +83,7 @@ def evidence(
     axis.tick_params(axis="y", length=0)
     axis.grid(True, axis="x")
     cut = bool((behind < low).any())
-    handles = _evidence_key(categories, winner is not None, cut)
+    handles = _evidence_key(categories, winner is not None, cut, bool(less_corrected))
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     return figure
 
@@ -100,11 +103,16 @@ def signed_evidence(value: float) -> str:
     return f"{value:+.{1 if abs(value) < 100 else 0}f}".replace("-", "−")
 
 
-def _evidence_key(categories: Sequence[str], added: bool, cut: bool) -> list[Patch | Line2D]:
+def _evidence_key(
+    categories: Sequence[str], added: bool, cut: bool, outlined: bool
+) -> list[Patch | Line2D]:
     key: list[Patch | Line2D] = [
         Patch(color=colour, label=name) for name, colour in CATEGORIES.items() if name in categories
     ]
     key.append(Patch(color=GREY, alpha=_PALE, label="screened only (pale)"))
+    if outlined:
+        label = "corrected farther from its end"
+        key.append(Patch(edgecolor=GREY, fill=False, label=label))
     if cut:
         key.append(Line2D([], [], marker="<", ls="", color=MEASURED, label="farther below"))
     if added:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, get_args
 
 from driver.common.formatting import interval, number, probability, signed, with_sigma, with_unit
+from driver.diagnosis.answer.result_types import Corrected
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
 from driver.parameters.boundary import LAMBDAS, knot_number
 from driver.parameters.covariance import COVARIANCE_PARAMETERS
@@ -42,6 +43,19 @@ def evidence_of(cause: Row) -> float:
     """Return the log evidence of a cause of a round: by its refit, or else by its screening."""
     refit = cause["refit"]
     return float((cause if refit is None else refit)["log_evidence"])
+
+
+def less_corrected(causes: Sequence[Row], winner: Row) -> list[int]:
+    """Places of refits whose correction was taken farther from their end than that of the winner.
+
+    Args:
+        causes: of a round.
+        winner: the one that it added.
+    """
+    order = get_args(Corrected)
+    known = {k: order.index(c["refit"]["corrected"]) for k, c in enumerate(causes) if c["refit"]}
+    own = next((known[k] for k in known if causes[k] is winner), 0)
+    return [k for k, at in known.items() if at < own]
 
 
 def _cause_row(cause: Row, step: Row, declared: Declared) -> Row:

@@ -174,6 +174,7 @@ def _round_record(round_: Round, objective: Objective) -> dict[str, Any]:
         }
         return {
             "log_evidence": refits[name].log_evidence,
+            "corrected": refits[name].corrected,
             "chi_load": best.chi_load,
             "chi_image": best.chi_image,
             "values": {n: value for n, (value, _) in levels.items()},

@@ -98,7 +98,7 @@ def stages(case: Case) -> Sequence[Stage]:
             reads_on=True,
         ),
         Stage("identify", "17", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
-        Stage("diagnose", "26", ("diagnosis",), run_diagnose, diagnosed_files),
+        Stage("diagnose", "27", ("diagnosis",), run_diagnose, diagnosed_files),
         Stage("advise", "1", (), run_advise),
         Stage("report", "11", _REPORT, run_report, reported_files),
     )

@@ -429,6 +429,7 @@ def _causes(refitted: Sequence[str], without: Sequence[str]) -> list[dict[str, A
                 "smallest_visible": [None if cause.name == "load_drift" else 0.02 for _ in names],
                 "refit": {
                     "log_evidence": 300.0 - 200.0 * refitted.index(cause.name),
+                    "corrected": "at its end",
                     "chi_load": 1.0,
                     "chi_image": 1.0,
                     "values": dict.fromkeys(names, 1.1493),

@@ -24,6 +24,8 @@ MOST_OFF = 2.0
 With it what is visible of the cause is about twice as large as for noise alone.
 """
 Refinement = Literal["mesh", "steps", "mesh and steps"]
+Corrected = Literal["at the baseline", "at a look", "at its end", "at its end, on both meshes"]
+"""Where the correction was taken under which a refit was made, the nearest to its end last."""
 IMAGING = 1.2  # χ of free correlation beyond which imaging errors dominate
 
 
@@ -233,7 +235,7 @@ class Refit:
         log_evidence: natural log of the Bayes factor against the baseline, and of the prior odds
             of the cause.
         levels: of a covariance cause its level and the standard deviation of it by name.
-        has_own_correction: whether it was fitted under a correction that was taken off its null.
+        corrected: where its correction was taken.
     """
 
     cause: Cause
@@ -241,7 +243,12 @@ class Refit:
     fit: Fit
     log_evidence: float
     levels: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    has_own_correction: bool = False
+    corrected: Corrected = "at the baseline"
+
+    @property
+    def has_own_correction(self) -> bool:
+        """Whether its correction is another one than that of the baseline."""
+        return self.corrected != "at the baseline"
 
     @property
     def own_misfit(self) -> float:

@@ -37,7 +37,7 @@ REACH_OF_LARGE = 0.15
 _MOST = 3  # iterations
 _AT_FIRST = 2  # refits that are corrected before any is judged
 _CORRECTIONS = 5  # of one refit
-_SETTLED = 1.0  # change of the log evidence by the last of them
+SETTLED = 1.0  # change of the log evidence by the last of them
 _TO_COME = 2.0
 """Gains still to come over the last one: those of a turn of 5° on coarse cells, 39, 45, 22, 11 and
 3 one after the other, were 2.1, 0.8 and 0.6 times as large."""
@@ -121,7 +121,7 @@ def with_candidate_corrections(
         unsettled = [
             refit
             for refit in contending
-            if abs(changed.get(refit.cause.name, np.inf)) >= _SETTLED
+            if abs(changed.get(refit.cause.name, np.inf)) >= SETTLED
             and taken[refit.cause.name] < _CORRECTIONS
         ]
         again = unsettled if len(contending) > 1 else []
@@ -260,7 +260,7 @@ def _corrected(task: _Task) -> _End | Failure:
 def _at_its_end(refit: Refit, end: _End, baseline: Evaluation) -> Refit:
     """Return the refit that a process has corrected."""
     corrected = refit_of(refit.cause, _under(end.change, refit), end.fit, baseline)
-    return replace(corrected, has_own_correction=True)
+    return replace(corrected, corrected="at its end")
 
 
 def _under(change: Correction, refit: Refit) -> Objective:

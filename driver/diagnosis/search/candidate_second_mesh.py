@@ -108,7 +108,8 @@ def with_second_mesh_at_ends(
                     f"  {name} cannot be simulated on it ({end.why}): all stay as they were"
                 )
                 return list(refits)
-            own[name] = refit_of(refit.cause, _under(end.second, refit), end.fit, baseline)
+            fitted = refit_of(refit.cause, _under(end.second, refit), end.fit, baseline)
+            own[name] = replace(fitted, corrected="at its end, on both meshes")
             passes[name] += 1
             last = passes[name] == _PASSES
             to_come[name] = 0.0 if last else _to_come(refit, own[name], baseline)

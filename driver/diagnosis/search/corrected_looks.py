@@ -20,7 +20,12 @@ from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import Cause
-from driver.diagnosis.search.candidate_correction import corrected_refit, left_elsewhere, under
+from driver.diagnosis.search.candidate_correction import (
+    SETTLED,
+    corrected_refit,
+    left_elsewhere,
+    under,
+)
 from driver.diagnosis.search.looks import Side, Task, seen_at
 from driver.diagnosis.search.refit import (
     MOST_FROM_AFAR,
@@ -43,7 +48,6 @@ _FARTHEST = 7.0
 _MOST_CORRECTIONS = 4
 _OF_WHAT_BENDS = 2
 """Corrections of a refit of what bends: it leads or not, and those that lead are corrected on."""
-_SETTLED = 1.0  # change of the log evidence by the last of them
 
 
 def seen_corrected(
@@ -127,7 +131,7 @@ def _between_null_and_look(
     after = corrected_refit(refit, task.finer, fitted, MOST_FROM_AFAR, left)
     if isinstance(after, Failure):
         logger.info(_no_further(cause, after))
-        return replace(refit, has_own_correction=True)
+        return replace(refit, corrected="at a look")
     logger.info(refit_line(after))
     return after
 
@@ -164,7 +168,7 @@ def _from_its_start(
         if isinstance(after, Failure):
             logger.info(_no_further(cause, after))
             break
-        settled = done is not None and abs(after.log_evidence - here.log_evidence) < _SETTLED
+        settled = done is not None and abs(after.log_evidence - here.log_evidence) < SETTLED
         here = done = after
         if settled:
             break

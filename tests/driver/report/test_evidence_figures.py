@@ -47,6 +47,16 @@ def test_a_lead_among_evidence_in_the_thousands_is_seen_and_what_is_far_below_is
     assert axes.get_xlabel() == "log evidence less that of a"
 
 
+def test_refits_that_were_corrected_farther_from_their_end_are_outlined() -> None:
+    causes = ["a", "b", "c"], ["material"] * 3, np.full(3, 9.0), np.array([9.0, 8.0, 7.0])
+    figure = evidence_figures.evidence(*causes, 0, [1])
+    assert [bar.get_fill() for bar in figure.axes[0].patches] == [True, False, True]
+    told = [[text.get_text() for text in key.legends[0].get_texts()] for key in (
+        figure, evidence_figures.evidence(*causes, 0),
+    )]  # fmt: skip
+    assert [sum("corrected farther" in label for label in labels) for labels in told] == [1, 0]
+
+
 def test_where_nothing_was_added_nothing_is_marked_as_the_best() -> None:
     figure = evidence_figures.evidence(
         ["a", "b"], ["material", "material"], np.array([-1.0, -2.0]), np.array([-0.5, np.nan]), None

@@ -3,10 +3,11 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
+from driver.diagnosis.answer.result_types import Corrected
 from tests.driver.results.datasets import section
 
 VALUE = {"value", "sigma", "unit"}
@@ -76,7 +77,10 @@ def test_a_round_has_its_tests_and_every_cause_that_was_tried(record: dict[str, 
     evidence = [cause["log_evidence"] for cause in first["causes"]]
     assert evidence == sorted(evidence, reverse=True)
     refit = first["causes"][0]["refit"]
-    assert set(refit) == {"log_evidence", "chi_load", "chi_image", "values", "sigma"}
+    assert set(refit) == {
+        "log_evidence", "corrected", "chi_load", "chi_image", "values", "sigma",
+    }  # fmt: skip
+    assert refit["corrected"] in get_args(Corrected)
     assert set(refit["values"]) == set(refit["sigma"]) == {"stretch_curvature"}
     assert last["causes"][0]["refit"] is None
 

@@ -66,6 +66,8 @@ def test_what_the_working_mesh_gets_wrong_at_a_cause_no_longer_speaks_against_it
     executor = Executor(1, 1)
     after = with_candidate_corrections(before, baseline.best, FineModels(finer(BENCH)), executor)
     assert names_of(after) == [TRUE, RIVAL]
+    for refits, at in ((before, "at the baseline"), (after, "at its end")):
+        assert {refit.corrected for refit in refits} == {at}
     assert after[0].log_evidence > before[1].log_evidence + 10
     # Where the mesh errs no more than at the baseline, nothing has changed.
     assert after[1].log_evidence == pytest.approx(before[0].log_evidence, abs=0.2)

@@ -64,7 +64,7 @@ CREW = Executor(1, 1)
 
 
 def under_its_own_correction(refit: Refit, cause: Cause) -> Refit:
-    return replace(refit, cause=cause, has_own_correction=True)
+    return replace(refit, cause=cause, corrected="at its end")
 
 
 def test_from_a_baseline_that_is_lost_no_refit_begins() -> None:

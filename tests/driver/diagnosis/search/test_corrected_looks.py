@@ -110,7 +110,7 @@ def test_a_refit_from_a_look_is_on_the_way_to_where_the_finer_model_would_end(
     """The cells make no more than 0.25 of any contrast: none of theirs is that of the data."""
     task, extended, side = seen(hidden)
     refit = refit_from_look(task, extended, side)
-    assert refit is not None and refit.has_own_correction
+    assert refit is not None and refit.corrected == "at its end"
     assert 0.5 < np.log(refit.fit.values["tau0_grain2"]) < TRUTH
     # Those that lead are corrected on.
     for _ in range(2):
@@ -164,7 +164,7 @@ def test_a_refit_of_what_bends_begins_under_the_correction_that_is_known_at_its_
     with collected_lines() as lines:
         refit = refit_from_look(task, extended, side)
     assert lines[-1] == "  grain_contrast: no further correction, for that failed (no solution)"
-    assert refit is not None and refit.has_own_correction
+    assert refit is not None and refit.corrected == "at a look"
     for at, known in ((hidden.fit.values, extended.correction), (side.at.values, side.correction)):
         change = refit.objective.correction.at(at)
         np.testing.assert_allclose(change.load, known.load, rtol=1e-9)
