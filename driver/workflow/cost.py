@@ -209,8 +209,9 @@ def _finer_looks(case: Case) -> int:
 
 def _looks(case: Case) -> int:
     """How many looks from afar a round may have."""
-    bent = sum(cause.strongly_nonlinear for cause in _of_library(case))
-    return _looks_in_places(case) + _SIDES * bent
+    bent = [cause for cause in _of_library(case) if cause.strongly_nonlinear]
+    # Of what is read otherwise one simulation has both sides.
+    return _looks_in_places(case) + sum(1 if cause.kinked else _SIDES for cause in bent)
 
 
 def _of_library(case: Case) -> list[Cause]:

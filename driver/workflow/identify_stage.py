@@ -96,7 +96,7 @@ def run_identify(context: StageContext) -> None:
 def refuse_large_jitter(
     case: Case, jitter: float, start: Mapping[str, float], history: History
 ) -> None:
-    """Refuse a noise of the boundary motion that is not small against the travel between stops.
+    """Refuse a noise of the boundary motion that is larger than the mean travel between stops.
 
     The answer to it is linear (`driver.identification.boundary_jitter`): beyond, it would turn
     loading into unloading.

@@ -24,7 +24,7 @@ MOST_OFF = 2.0
 With it what is visible of the cause is about twice as large as for noise alone.
 """
 Refinement = Literal["mesh", "steps", "mesh and steps"]
-Corrected = Literal["at the baseline", "at a look", "at its end", "at its end, on both meshes"]
+Corrected = Literal["at the baseline", "at a look", "at its end", "at its end, on the second mesh"]
 """Where the correction was taken under which a refit was made, the nearest to its end last."""
 IMAGING = 1.2  # χ of free correlation beyond which imaging errors dominate
 

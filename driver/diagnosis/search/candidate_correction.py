@@ -193,11 +193,9 @@ def _contending(refits: Sequence[Refit], changed: Mapping[str, float]) -> list[R
 
 def _tell(before: Refit, after: Refit, failed: Failure | None) -> None:
     name, evidence = before.cause.name, before.log_evidence
-    if failed is not None:
-        why = f"for it cannot be simulated ({failed.why})"
-        logger.info(f"  {name}: log evidence {evidence:+.1f} as it was, {why}")
-    else:
-        logger.info(f"  {name}: log evidence {evidence:+.1f} → {after.log_evidence:+.1f}")
+    told = "as it was" if after is before else f"→ {after.log_evidence:+.1f}"
+    why = "" if failed is None else f", for its end cannot be simulated ({failed.why})"
+    logger.info(f"  {name}: log evidence {evidence:+.1f} {told}{why}")
 
 
 def corrected_refit(

@@ -109,7 +109,7 @@ def with_second_mesh_at_ends(
                 )
                 return list(refits)
             fitted = refit_of(refit.cause, _under(end.second, refit), end.fit, baseline)
-            own[name] = replace(fitted, corrected="at its end, on both meshes")
+            own[name] = replace(fitted, corrected="at its end, on the second mesh")
             passes[name] += 1
             last = passes[name] == _PASSES
             to_come[name] = 0.0 if last else _to_come(refit, own[name], baseline)

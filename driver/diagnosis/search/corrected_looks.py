@@ -1,7 +1,7 @@
 """Looks under the correction where a cause stands, and refits that begin there.
 
 The derivatives of the correction at the fit hold near the fit. Of a contrast of four prior scales
-they made a wrong valley: the fit ended at a sixth of it, from wherever it began. So what promises
+they made a wrong valley: the fit ended at an eighth of it, from wherever it began. So what promises
 something is seen again under the correction taken there. What bends is refitted under the
 correction that goes straight from that at the fit to that of the look, then under that at its end.
 What ends elsewhere, or lies somewhere, is refitted under the correction where it begins, then under

@@ -119,8 +119,10 @@ def added_by_second(
         SolverError: the finer simulation was not run on the second mesh.
     """
     at, values = here.best.prediction, here.values
-    first = objective.correction.without_second(objective.second).at(values)
-    found = attempt(lambda: correction(objective.model, second, at, values))
+    known = objective.correction
+    first = known.without_second(objective.second).at(values)
+    left = known.left_by_steps  # of which the difference of the meshes has no part
+    found = attempt(lambda: correction(objective.model, second, at, values, left_by_steps=left))
     return found if isinstance(found, Failure) else _beside(first, found, size)
 
 
@@ -157,6 +159,8 @@ class _Task:
             correction, objective.model, finer, best.prediction, here.values,
             free=best.free if first else (),
             near=Correction(course=objective.correction.course) if first else None,
+            # What the difference of the meshes has no part of.
+            left_by_steps=None if first else objective.correction.left_by_steps,
         )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from driver.identification.correction import Correction
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 
-PROMISING = 0.02  # probability of one look under the null, below which a refit follows
+PROMISING = 0.02  # probability of one look under the null, below which it is followed
 
 
 @dataclass(frozen=True, eq=False)

@@ -259,7 +259,8 @@ def _flips(
     turns = not nothing and _turns_a_lattice(refits[0])
     if not (baseline.chi_load > LARGE or unexplained or turns):
         return not_warranted(flips)
-    return try_flips(flips, baseline, objective, executor, cost_to_promise(refits, baseline))
+    threshold = cost_to_promise([r for r in refits if not r.has_own_correction], baseline)
+    return try_flips(flips, baseline, objective, executor, threshold)
 
 
 def _turns_a_lattice(best: Refit) -> bool:

@@ -144,13 +144,16 @@ def significance(
     """Probability under the null of components as large, for the whole family of causes.
 
     Args:
-        cause: the cause; one-sided ones are taken to lie on their side.
-        components: independent numbers of variance 1 under the null, shape (degrees,).
+        cause: the cause; what is one-sided and lies below its null is no finding.
+        components: independent numbers of variance 1 under the null, shape (degrees,); that of what
+            is one-sided has the sign of its effect.
         sensitivity: projected sensitivities of the cause on any scale, shape (k, n).
         baseline: evaluation at the optimum of the baseline.
         family: number of tries, of which a cause is one.
         load_degrees: degrees of freedom of the noise level of the loads.
     """
+    if cause.one_sided and components.size and components[0] <= 0.0:
+        return 1.0
     share = _in_loads(sensitivity, baseline)
     # Of what lies somewhere the data find place and width as well.
     degrees = components.size + (len(cause.companions) if cause.places else 0)
@@ -198,7 +201,9 @@ def score_together(
         return Together(0.0, 0, 1.0)
     left, g, A = projected(rows, baseline)
     eigenvalue, vector = np.linalg.eigh(A)
-    kept = eigenvalue > _OWN * eigenvalue[-1]
+    kept = eigenvalue > max(_OWN * eigenvalue[-1], _RANK)  # of rows of length one
+    if not kept.any():
+        return Together(0.0, 0, 1.0)
     along = vector[:, kept].T @ g
     degrees = int(kept.sum())
     others = baseline.residual.size - len(baseline.free) - degrees

@@ -13,7 +13,7 @@ def refitted(corrected: Corrected | None) -> Row:
 def test_those_are_less_corrected_whose_correction_is_farther_off_than_that_of_the_winner() -> None:
     causes = [
         refitted("at its end"),
-        refitted("at its end, on both meshes"),
+        refitted("at its end, on the second mesh"),
         refitted("at a look"),
         refitted("at the baseline"),
         refitted(None),

@@ -90,7 +90,7 @@ def test_what_the_first_finer_mesh_gets_wrong_at_a_cause_no_longer_speaks_agains
 def test_what_the_second_mesh_adds_takes_the_place_of_what_it_adds_at_the_baseline() -> None:
     baseline, refits = near_each_other()
     for refit in with_second_mesh_at_ends(refits, baseline.best, meshes(), HERE):
-        assert refit.corrected == "at its end, on both meshes"
+        assert refit.corrected == "at its end, on the second mesh"
         objective, values = refit.objective, refit.fit.values
         working, one, second = (m.predict(values) for m in (WORKING.model, ONE, SECOND))
         assert objective.second is not None and objective.second.size == SIZE
