@@ -51,8 +51,9 @@ logger = logging.getLogger(__name__)
 
 HOPEFUL = 0.5  # of the best log evidence of any cause so far, which a side has to promise as well
 _SHOWN_IN_A_PLACE = 0.5
-"""Share of the log evidence of its refit that a look has: 0.2 to 0.6 where both were seen. Width and
-place are free in the refit."""
+"""Share of the log evidence of its refit that a look has: 0.2 to 0.6 where both were seen.
+
+Width and place are free in the refit."""
 BESIDE_A_KINK = 1.0 / 3.0
 """Prior scales: of a lag 1 s, beyond the half second in which its rate changes (`load_at`)."""
 _SURE = 2.0  # standard deviations by which an amount is known
