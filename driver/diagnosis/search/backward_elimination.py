@@ -43,6 +43,9 @@ def eliminate(
 
     Returns:
         The fit, its objective and the causes that are left.
+
+    Raises:
+        SolverError: a simulation could not be finished.
     """
     left = list(causes)
     while tested := [

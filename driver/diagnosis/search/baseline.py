@@ -64,6 +64,9 @@ def prepared(
         augmented: evaluation at the fit with the parameters of every candidate free.
         candidates: the causes.
         settings: how the diagnosis is run.
+
+    Raises:
+        SolverError: a simulation could not be finished.
     """
     effects = effects_of(candidates, augmented, objective.parameters)
     bad = bad_loads(baseline.best, objective.data, effects)

@@ -88,6 +88,10 @@ def with_candidate_corrections(
         baseline: the baseline at its optimum.
         finer: the finer models.
         executor: who refits.
+
+    Raises:
+        NotRunError: a simulation was not run.
+        JobError, ResultFileError: one was killed, ran out of time or left no result.
     """
     if not refits:
         return []
@@ -213,6 +217,10 @@ def corrected_refit(
         baseline: the baseline at its optimum.
         most: largest number of iterations.
         left: what time steps leave wrong at the baseline, where that is known.
+
+    Raises:
+        NotRunError: a simulation was not run.
+        JobError, ResultFileError: one was killed, ran out of time or left no result.
     """
     end = _corrected(_Task(refit, finer, most, left_elsewhere(left, baseline, refit.fit.best)))
     return end if isinstance(end, Failure) else _at_its_end(refit, end, baseline)

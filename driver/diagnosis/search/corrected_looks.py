@@ -63,6 +63,10 @@ def seen_corrected(
         sides: what was seen of it.
         which: those that are seen again, by their place in the sequence.
         told_by: the parameter by which they are told apart.
+
+    Raises:
+        NotRunError: a simulation was not run.
+        JobError, ResultFileError: one was killed, ran out of time or left no result.
     """
     model, known = extended.warm_started_from(task.here.best).model, extended.correction
 
@@ -95,6 +99,10 @@ def refit_from_look(task: Task, extended: Objective, begin: Side) -> Refit | Non
         task: the cause.
         extended: the objective with its prior.
         begin: where it begins.
+
+    Raises:
+        NotRunError: a simulation was not run.
+        JobError, ResultFileError: one was killed, ran out of time or left no result.
     """
     if task.near.cause.places:
         values = _begun(begin, extended, _FARTHEST)

@@ -64,6 +64,9 @@ def final_comparison(
         cycles: number of the cycle of each image, shape (T,).
         settings: how the diagnosis is run.
         fresh: the correction at the extended fit (`correction_at`), where it is known.
+
+    Raises:
+        SolverError: a simulation could not be finished.
     """
     (baseline, objective), (extended, current) = first, last
     second = current.second

@@ -42,7 +42,11 @@ class HeldOutTask:
 
 
 def trained_on_others(task: HeldOutTask) -> Fit:
-    """Return the fit of all but the knots of the cycle to the other cycles."""
+    """Return the fit of all but the knots of the cycle to the other cycles.
+
+    Raises:
+        SolverError: a simulation could not be finished.
+    """
     others = np.flatnonzero(task.frames != task.cycle)
     best = task.fit.best
     without = replace(task.objective, data=task.objective.data.frames(others))
@@ -54,7 +58,11 @@ def trained_on_others(task: HeldOutTask) -> Fit:
 
 
 def predict_held_out(task: HeldOutTask) -> HeldOut:
-    """Fit without the cycle, then only its knots to it."""
+    """Fit without the cycle, then only its knots to it.
+
+    Raises:
+        SolverError: a simulation could not be finished.
+    """
     inside = np.flatnonzero(task.frames == task.cycle)
     trained = trained_on_others(task)
     only = replace(task.objective, data=task.objective.data.frames(inside))

@@ -37,6 +37,10 @@ def looks_in_places(task: Task, extended: Objective) -> list[Side]:
     Args:
         task: the cause.
         extended: the objective with its prior.
+
+    Raises:
+        NotRunError: a simulation was not run.
+        JobError, ResultFileError: one was killed, ran out of time or left no result.
     """
     cause, fitted = task.near.cause, task.here
     (name,), where = cause.parameters, cause.companions[0]

@@ -117,6 +117,10 @@ def refit_causes(
         objective: the objective of the baseline.
         executor: who refits.
         threshold: cost which each step has to promise; a cause of which one does not is left out.
+
+    Raises:
+        NotRunError: a simulation was not run.
+        JobError, ResultFileError: one was killed, ran out of time or left no result.
     """
     tasks, hopeless = [], []
     for scored in scores:
@@ -152,6 +156,10 @@ def refit_from_afar(
         objective: the objective of the baseline.
         executor: who refits.
         threshold: cost which each step has to promise; a start of which one does not is given up.
+
+    Raises:
+        NotRunError: a simulation was not run.
+        JobError, ResultFileError: one was killed, ran out of time or left no result.
     """
     tasks = []
     for scored in scores:

@@ -131,6 +131,9 @@ def with_both(
         here: its fit.
         both: what two finer meshes say.
         sizes: element sizes of the working and of the first finer mesh [µm].
+
+    Raises:
+        SolverError: a simulation could not be finished.
     """
     first, noise = both.first.completed_by(objective.correction), objective.data.image.noise_factor
     objective = with_correction(objective, noise, first, sizes, both.second)

@@ -169,6 +169,9 @@ def at_first_sight(
         objective: its objective.
         settings: how the diagnosis is run.
         stops: the answers to a noise of the boundary, if they were computed.
+
+    Raises:
+        SolverError: a simulation could not be finished.
     """
     candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
     screening = objective.with_free(here.best, names)
