@@ -213,7 +213,7 @@ class ForwardModel:
             return prediction
         coarser = self.extrapolation.coarser.predict(values, free, progress)
         both = self.extrapolation.applied(prediction, coarser)
-        return replace(both, carried=self._carried(both.surface, both.look, free))
+        return replace(both, carried=self._carried(both.surface, both.projection, free))
 
     def clock(self, values: Values) -> FloatArray:
         """Return the instants of the history [s], shape (n_times,)."""
@@ -245,14 +245,14 @@ class ForwardModel:
                 d_surface[index] = self.instrument.appearance_derivative(name, displacement)
         surface = self.instrument.appearance(displacement, values)
         points = self.microstructure.moved_mesh(values).points[self.surface_nodes, :2]
-        look = self.projection.at(points, values)
+        projection = self.projection.at(points, values)
         return Prediction(
             surface=surface,
             load=self.instrument.reading(force, values),
             d_surface=d_surface,
             d_load=d_load,
-            carried=self._carried(surface, look, free),
-            look=look,
+            carried=self._carried(surface, projection, free),
+            projection=projection,
             response=response,
             rise=self._rise(values),
         )
@@ -296,21 +296,25 @@ class ForwardModel:
         return force, rate, d_force
 
     def _carried(
-        self, surface: FloatArray, look: Projection, free: Sequence[str]
+        self, surface: FloatArray, projection: Projection, free: Sequence[str]
     ) -> dict[int, FloatArray]:
         """∂(motion at the pixels) from moving the pixels over the surface, or it under them."""
         carried: dict[int, FloatArray] = {}
         for index, name in enumerate(free):
             if self._enters(name, "pixels"):
-                slope = look.slope_X if name == "origin_X" else look.slope_Y
+                slope = projection.slope_X if name == "origin_X" else projection.slope_Y
                 carried[index] = apply(slope, surface)
             elif self._enters(name, "pattern") and self.pattern is not None:
                 carried[index] = _as_motion(self.pattern)
             elif self._enters(name, "nodes"):
-                flow = look.value @ self.microstructure.velocities[name][self.surface_nodes, :2]
+                flow = (
+                    projection.value @ self.microstructure.velocities[name][self.surface_nodes, :2]
+                )
                 if np.any(flow):
-                    along_X = apply(look.slope_X, surface) * flow[None, :, :1]
-                    carried[index] = -along_X - apply(look.slope_Y, surface) * flow[None, :, 1:]
+                    along_X = apply(projection.slope_X, surface) * flow[None, :, :1]
+                    carried[index] = (
+                        -along_X - apply(projection.slope_Y, surface) * flow[None, :, 1:]
+                    )
         return carried
 
     def simulated(self, name: str) -> bool:

@@ -24,7 +24,7 @@ class Prediction:
         carried: what the images see besides, where a parameter moves the surface under the
             pixels: derivative of the motion at the pixels by index of the parameter,
             each of shape (T, n_pix, 3).
-        look: operators from the nodes to the pixels.
+        projection: operators from the nodes to the pixels.
         rise: by how much the surface seems to rise at the pixels besides [µm], shape (T, n_pix),
             or 0.
         response: statistics and raw fields of the solver.
@@ -35,7 +35,7 @@ class Prediction:
     d_surface: FloatArray
     d_load: FloatArray
     carried: Mapping[int, FloatArray]
-    look: Projection
+    projection: Projection
     response: Response
     rise: FloatArray | float = 0.0
 
@@ -82,7 +82,7 @@ class Prediction:
         Returns:
             Motion at the pixels [µm], shape (T, n_pix, 3), and load [µN], shape (T,).
         """
-        motion = apply(self.look.value, np.tensordot(change, self.d_surface, 1))
+        motion = apply(self.projection.value, np.tensordot(change, self.d_surface, 1))
         for row, carried in self.carried.items():
             motion += change[row] * carried
         return motion, change @ self.d_load
@@ -90,6 +90,6 @@ class Prediction:
     @property
     def motion(self) -> FloatArray:
         """Motion at the pixels [µm], shape (T, n_pix, 3)."""
-        motion = apply(self.look.value, self.surface)
+        motion = apply(self.projection.value, self.surface)
         motion[..., 2] += self.rise
         return motion

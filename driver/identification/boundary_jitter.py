@@ -76,9 +76,9 @@ def boundary_jitter(
         asked = replace(simulation, directions=tuple(directions[first : first + _TOGETHER]))
         response = model.adapter.solve(asked, model.workspace)
         simulation = once_more(simulation, response)
-        look = model.observe(response, values, ()).look.value
+        projection = model.observe(response, values, ()).projection.value
         moved = response.d_displacement * [1.0, 1.0, 1.0 + values["height_scale"]]
-        images.append(sigma * bare.sensitivity(moved, look, np.arange(moved.shape[1])))
+        images.append(sigma * bare.sensitivity(moved, projection, np.arange(moved.shape[1])))
         loads.append(sigma * (1 + values["load_gain"]) * response.d_force)
     return BoundaryJitter(np.concatenate(loads), np.concatenate(images))
 

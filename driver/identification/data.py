@@ -113,7 +113,7 @@ class Data:
     def image_sensitivity(self, prediction: Prediction) -> FloatArray:
         """Return the derivatives of the fitted images, each whitened by itself, (k, T, n_z)."""
         seen = self.index[self.with_image]
-        z = self.image.sensitivity(prediction.d_surface[:, seen], prediction.look.value, seen)
+        z = self.image.sensitivity(prediction.d_surface[:, seen], prediction.projection.value, seen)
         for row, motion in prediction.carried.items():
             z[row] += self.image.pixel_sensitivity(motion[seen], seen)
         return z

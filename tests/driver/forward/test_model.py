@@ -107,7 +107,7 @@ def test_derivatives_are_those_of_the_prediction(
         difference = (high - low) / (2 * h)
         scale = np.abs(derivative).max() + 1e-9 * np.abs(high).max() / h
         assert np.abs(difference - derivative).max() < 1e-4 * scale
-    d_motion = apply(prediction.look.value, prediction.d_surface[row])
+    d_motion = apply(prediction.projection.value, prediction.d_surface[row])
     d_motion = d_motion + prediction.carried.get(row, 0.0)
     difference = (above.motion - below.motion) / (2 * h)
     # Where the surface slides under the pixels, some of them change their cell within a step.

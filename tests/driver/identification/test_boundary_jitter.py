@@ -93,8 +93,8 @@ def test_the_answer_to_a_stop_is_the_derivative_of_the_simulation(stop: int) -> 
     found = jitter().load[stop] / SIGMA_E
     np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())
     motion = (above.displacement - below.displacement) / (2 * h)
-    look = BENCH.model.predict(BENCH.truth).look
-    z = plain().data.image.sensitivity(motion[None], look.value, np.arange(len(motion)))[0]
+    projection = BENCH.model.predict(BENCH.truth).projection
+    z = plain().data.image.sensitivity(motion[None], projection.value, np.arange(len(motion)))[0]
     np.testing.assert_allclose(jitter().image[stop] / SIGMA_E, z, atol=2e-3 * np.abs(z).max())
 
 
