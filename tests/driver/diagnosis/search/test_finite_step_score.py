@@ -312,6 +312,25 @@ def test_what_hides_is_not_less_significant_for_looks_that_may_follow(hidden: Ex
     assert again == p
 
 
+def test_a_bent_cause_has_three_tries_of_its_own_in_the_family(hidden: Examined) -> None:
+    found = score_of(look(hidden).scores, "non_schmid")
+    assert found.family == len(hidden.scores) + 3
+
+
+def test_the_end_of_a_refit_gains_what_misfit_it_removes_over_the_variance(
+    hidden: Examined,
+) -> None:
+    """What the prior says of the cause is no misfit."""
+    at, variance = hidden, 2.0
+    found = finite_step_scores(
+        at.scores, at.fit, at.objective, finer_of(at), variance, True, Executor(1, 1)
+    )
+    (refit,) = found.refits
+    without = at.objective.restrict(refit.fit.best, at.fit.best.free)
+    gained = (at.fit.best.cost - without.cost) / variance
+    assert score_of(found.scores, "non_schmid").statistic == pytest.approx(gained, rel=1e-6)
+
+
 def test_looks_side_by_side_see_what_looks_one_after_the_other_see(hidden: Examined) -> None:
     near = score_of(hidden.scores, "non_schmid")
     twin = replace(near, cause=replace(near.cause, name="twin"))
@@ -431,6 +450,12 @@ def test_a_lag_within_a_hold_where_the_load_has_relaxed_counts_as_unseen() -> No
     assert lag.p > NAMING_LEVEL
     width = declared_parameters(1)["load_lag"].width
     assert width * lag.visible[0] > 6.0
+
+
+def test_a_cause_with_a_kink_has_five_tries_of_its_own_in_the_family() -> None:
+    hidden = scored({"load_lag": -4.0}, ("load_lag", "cold_work"))
+    lag = score_of(look(hidden).scores, "load_lag")
+    assert lag.family == len(hidden.scores) + 5
 
 
 def test_a_lag_is_looked_at_in_one_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
