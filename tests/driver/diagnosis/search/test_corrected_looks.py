@@ -209,6 +209,45 @@ def test_a_refit_of_what_bends_begins_no_farther_than_it_was_seen(
     assert starts == pytest.approx([0.3, 0.2])
 
 
+def lying_somewhere(task: Task) -> Task:
+    """The same with a cause that has a place."""
+    near = task.near
+    return replace(task, near=replace(near, cause=replace(near.cause, places=(0.5,))))
+
+
+def test_a_refit_of_what_lies_somewhere_begins_no_farther_than_seven_prior_scales(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    task, extended, side = seen(hidden)
+    starts: list[float] = []
+
+    def note(refit: Refit, *rest: Any) -> Failure:
+        starts.append(float(np.log(refit.fit.values["tau0_grain2"])))
+        return Failure("no more is asked")
+
+    monkeypatch.setattr(corrected_looks, "corrected_refit", note)
+    for estimate in (10.0, 6.0):
+        far = replace(side, score=replace(side.score, estimate=np.array([estimate])))
+        assert refit_from_look(lying_somewhere(task), extended, far) is None
+    assert starts == pytest.approx([0.7, 0.6])
+
+
+def test_a_refit_goes_on_under_the_correction_at_its_end_until_the_evidence_settles(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The third correction changes it by less than 1."""
+    task, extended, side = seen(hidden)
+    course = [10.0, 12.0, 12.9, 20.0]
+
+    def corrected(refit: Refit, *rest: Any) -> Refit:
+        return replace(refit, log_evidence=course.pop(0))
+
+    monkeypatch.setattr(corrected_looks, "corrected_refit", corrected)
+    refit = refit_from_look(lying_somewhere(task), extended, side)
+    assert refit is not None and refit.log_evidence == 12.9
+    assert course == [20.0]
+
+
 def test_a_look_that_cannot_be_simulated_finer_stays_as_it_was_seen(
     hidden: Examined, monkeypatch: pytest.MonkeyPatch
 ) -> None:
