@@ -184,6 +184,49 @@ def test_a_rival_is_corrected_on_as_long_as_it_may_still_lead(
     assert taken.count(first.cause.name) == 3 and taken.count(second.cause.name) == 2
 
 
+def test_a_refit_that_never_settles_is_corrected_five_times(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    baseline, (first, second) = refitted()
+    taken: list[str] = []
+
+    def corrected(task: Any) -> Refit:
+        refit: Refit = task.refit
+        taken.append(refit.cause.name)
+        swing = 0.0 if refit.cause == first.cause else 2.0 * (-1.0) ** len(taken)
+        return replace(refit, log_evidence=refit.log_evidence + swing)
+
+    monkeypatch.setattr(candidate_correction, "_corrected", corrected)
+    monkeypatch.setattr(candidate_correction, "_at_its_end", lambda refit, end, at: end)
+    begin = [replace(first, log_evidence=100.0), replace(second, log_evidence=95.0)]
+    with_candidate_corrections(begin, baseline.best, FineModels(finer(BENCH)), Executor(1, 1))
+    assert taken.count(first.cause.name) == 1 and taken.count(second.cause.name) == 5
+
+
+def test_of_a_refit_whose_second_correction_fails_the_log_tells_what_the_first_one_made_of_it(
+    monkeypatch: pytest.MonkeyPatch, lines: list[str]
+) -> None:
+    baseline, (first, second) = refitted()
+    ends: dict[str, list[float | None]] = {
+        first.cause.name: [100.0], second.cause.name: [99.0, None],
+    }  # fmt: skip
+
+    def corrected(task: Any) -> Refit | Failure:
+        refit: Refit = task.refit
+        evidence = ends[refit.cause.name].pop(0)
+        return Failure("no step") if evidence is None else replace(refit, log_evidence=evidence)
+
+    monkeypatch.setattr(candidate_correction, "_corrected", corrected)
+    monkeypatch.setattr(candidate_correction, "_at_its_end", lambda refit, end, at: end)
+    begin = [replace(first, log_evidence=100.0), replace(second, log_evidence=95.0)]
+    after = with_candidate_corrections(
+        begin, baseline.best, FineModels(finer(BENCH)), Executor(1, 1)
+    )
+    assert [refit.log_evidence for refit in after] == [100.0, 99.0]
+    told = "log evidence +95.0 → +99.0, for its end cannot be simulated (no step)"
+    assert lines[-1] == f"  {second.cause.name}: {told}"
+
+
 def test_one_that_has_fallen_far_behind_is_not_corrected_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
