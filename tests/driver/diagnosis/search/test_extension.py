@@ -7,8 +7,10 @@ import pytest
 
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
+from driver.diagnosis.search import extension as extension_module
 from driver.diagnosis.search.extension import Extension, corrected_anew, extended
 from driver.diagnosis.search.fine_models import FineModels
+from driver.diagnosis.search.load_outliers import bad_loads
 from driver.diagnosis.search.refit import Executor, refit_causes
 from driver.diagnosis.statistics.score_test import score
 from driver.diagnosis.statistics.screening import screened
@@ -23,7 +25,7 @@ from tools.closed_form_diagnosis import SETTINGS, finer, identified
 BENCH = closed_form.problem()
 CAUSE = "stretch_not_proportional"
 HIDDEN = {"stretch_curvature": 0.1}
-WRONG = 12
+WRONG, WRONG_TOO = 12, 30
 
 
 class ErringWithStrength(closed_form.ClosedFormSolver):
@@ -51,15 +53,17 @@ def refitted(objective: Objective, baseline: Fit, name: str = CAUSE) -> Refit:
     return found
 
 
-def extension(off: float) -> tuple[Fit, Extension]:
+def extension(off: float, other: float = 0.0) -> tuple[Fit, Extension]:
     """The baseline, which leaves a load out, and the model that is extended from it.
 
     Args:
         off: by how much this load is wrong [µN].
+        other: by how much another one is wrong [µN].
     """
     made = closed_form.objective(BENCH, BENCH.truth | HIDDEN)
     load = made.data.load.copy()
     load[WRONG] += off
+    load[WRONG_TOO] += other
     made = replace(made, data=replace(made.data, load=load, bad_loads=(WRONG,)))
     objective, baseline = identified(BENCH, made)
     begin = Extension(
@@ -77,6 +81,13 @@ def test_a_load_that_is_wrong_stays_left_out() -> None:
     _, found = extension(40 * closed_form.LOAD_NOISE)
     assert found.objective.data.bad_loads == (WRONG,)
     assert found.fit.values["stretch_curvature"] == pytest.approx(0.1, abs=0.015)
+
+
+def test_a_load_that_looks_wrong_at_the_extended_model_alone_is_not_left_out() -> None:
+    _, found = extension(0.0, 40 * closed_form.LOAD_NOISE)
+    data = found.objective.data
+    assert [bad.frame for bad in bad_loads(found.fit.best, data)] == [WRONG_TOO]
+    assert data.bad_loads == ()
 
 
 def test_the_extended_model_has_its_own_correction_its_own_noise_and_a_fit_that_has_converged() -> (
@@ -142,6 +153,14 @@ def test_a_model_whose_correction_has_changed_on_its_way_is_corrected_once_more(
     own = erring.predict(end).motion - BENCH.model.predict(end).motion
     # Taken where τ0 is 3 % off it would be wrong here by 1.4 nm.
     assert np.abs(own - found.objective.correction.at(end).motion).max() < 1e-4
+
+
+def test_a_model_that_is_always_outgrown_is_corrected_three_times(
+    monkeypatch: pytest.MonkeyPatch, lines: list[str]
+) -> None:
+    monkeypatch.setattr(extension_module, "_outgrown", lambda *_: True)
+    extension(0.0)
+    assert lines.count("finer mesh and steps at the extended model") == 3
 
 
 def test_what_was_added_is_tested_where_the_model_is_corrected_anew() -> None:

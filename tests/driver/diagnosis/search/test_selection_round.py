@@ -13,6 +13,7 @@ from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search import candidate_selection, selection_round
 from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.fine_models import FineModels
+from driver.diagnosis.search.finite_step_score import FiniteStepScores
 from driver.diagnosis.search.refit import Executor
 from driver.diagnosis.search.selection_round import WITHIN, examine, set_of
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score
@@ -83,6 +84,21 @@ def test_the_one_to_add_is_the_best_by_the_second_mesh_at_the_ends() -> None:
         found = examine(baseline, objective, (), EVERY, NO_STOPS, None, FINER)
     assert found.winner is not None and found.winner.log_evidence == 99.0
     assert found.round_.refits[0] is found.winner
+
+
+def test_what_only_a_look_shows_is_held_against_the_second_mesh(lines: list[str]) -> None:
+    objective, baseline = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
+
+    def looked(scores: list[Score], *_: Any) -> FiniteStepScores:
+        seen = [replace(s, p=0.1 * NAMING_LEVEL) if s.cause.name == "tilt_drift" else s
+                for s in scores]  # fmt: skip
+        return FiniteStepScores(seen, [])
+
+    meshes = FineModels(FINER.one, lambda: FINER.one)
+    with patch.object(selection_round, "finite_step_scores", looked):
+        found = examine(baseline, objective, (), TILT, NO_STOPS, None, meshes)
+    assert lines.count("the same on a second mesh") == 1
+    assert found.objective.second is not None and found.round_.lost is not None
 
 
 ALONG = {"a": (1.0, 0.0, 0.0), "b": (0.0, 1.0, 0.0), "like b": (0.0, 0.999, 0.04), "c": (0, 0, 1.0)}
