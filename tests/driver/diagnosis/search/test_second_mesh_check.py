@@ -14,11 +14,12 @@ from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.search.diagnose import diagnose
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor
-from driver.diagnosis.search.second_mesh_check import held_against_both
+from driver.diagnosis.search.second_mesh_check import OnBoth, held_against_both, with_both
 from driver.diagnosis.statistics.score_test import effects_of
 from driver.diagnosis.statistics.screening import screen, screened
 from driver.forward.build import build_model, geometry_of
 from driver.forward.model import ForwardModel
+from driver.identification.correction import Correction, SecondMesh, correction
 from meshes.arrays import FloatArray
 from meshes.prism import generate
 from solver_adapters.interface import PreparedError, Simulation, SolverError
@@ -171,6 +172,49 @@ def test_what_no_mesh_moves_is_as_significant_as_before(
     assert found is not None and found.lost is None
     (told,) = (line for line in lines if "moved by" in line)
     assert told.endswith(f"moved by 0.0 σ, p {looked.p:.2g} → {looked.p:.2g}")
+
+
+class FarErringMesh(ErringMesh):
+    """The same, of which half is more than twice what is there."""
+
+    drift = 5 * DRIFT
+
+
+def test_a_one_sided_cause_that_the_second_mesh_moves_below_its_null_is_gone(
+    lines: list[str],
+) -> None:
+    made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": DRIFT})
+    objective, here = identified(BENCH, made)
+    candidates, names = screened(objective.model, here.best.free, WANTED.wanted)
+    effects = effects_of(candidates, objective.evaluate(here.values, names), objective.parameters)
+    (one, *_), widened = screen(here, objective, candidates, effects, SETTINGS.sizes)
+    sign = np.sign(one.components)
+    rising = replace(
+        one, cause=replace(one.cause, one_sided=True),
+        components=sign * one.components, directions=sign[:, None] * one.directions,
+    )  # fmt: skip
+    far = replace(BENCH.model, adapter=FarErringMesh(0.001))
+    for score, gone in ((rising, True), (one, False)):
+        found = held_against_both(
+            FineModels(FINE, lambda: far), here, objective, [score], True, widened, Executor(1, 1)
+        )
+        assert found is not None and (found.lost is not None) == gone
+        assert lines[-1].endswith("→ 1") == gone
+
+
+def test_the_correction_of_both_meshes_keeps_derivatives_that_it_lacks_itself() -> None:
+    """Causes that were added have derivatives that the correction at a fit does not take."""
+    objective, here = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
+
+    def taken(*free: str) -> Correction:
+        at = objective.model.predict(here.values, free)
+        return correction(objective.model, FINE, at, here.values, free=free)
+
+    objective = replace(objective, correction=taken("tau0", "K"))
+    second = SecondMesh(Correction(0.0 * here.best.motion, 0.0 * here.best.load))
+    both = OnBoth(None, taken("tau0"), second)
+    known = with_both(objective, here, both, SETTINGS.sizes)[0].correction.derivatives
+    assert known is not None and [p.name for p in known.parameters] == ["tau0", "K"]
 
 
 def test_what_no_mesh_takes_away_is_named_with_the_mean_of_both_as_well() -> None:

@@ -8,7 +8,14 @@ from scipy.stats import kstest, multivariate_normal, multivariate_t
 
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.statistics.bayes_factor import prior_scaled, projected
-from driver.diagnosis.statistics.score_test import Score, score, subspace_similarity
+from driver.diagnosis.statistics.score_test import (
+    Score,
+    Together,
+    score,
+    score_together,
+    significance,
+    subspace_similarity,
+)
 from driver.identification.objective import Evaluation
 from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
@@ -109,6 +116,22 @@ def test_a_one_sided_cause_is_found_on_its_side_alone() -> None:
                 ((draws[0], 1), (draws[0], -1)))  # fmt: skip
     assert up.p < 1e-6 and up.estimate[0] > 1 and up.log_evidence > 10
     assert down.p == 1.0 and down.estimate[0] == 0 and down.log_evidence < 0
+
+
+@pytest.mark.parametrize(("component", "found"), [(-5.0, False), (0.0, False), (5.0, True)])
+def test_components_of_a_one_sided_cause_below_its_null_are_no_finding(
+    component: float, found: bool
+) -> None:
+    at, components = fitted(np.zeros(N), np.zeros(K)), np.array([component])
+    p = significance(RISING, components, C[:1], at, 1, np.inf)
+    assert p < 1e-6 if found else p == 1.0
+
+
+def test_causes_that_do_no_more_than_what_is_fitted_explain_nothing_together() -> None:
+    """What rounding leaves of them is no direction."""
+    at = fitted(RNG.standard_normal(N), np.zeros(K))
+    rows = [J[:2], (J[0] - 2 * J[3])[None]]
+    assert score_together(rows, at) == Together(0.0, 0, 1.0)
 
 
 def test_the_probability_counts_the_whole_family() -> None:
