@@ -2,13 +2,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
+from driver.diagnosis.search import baseline as baseline_module
 from driver.diagnosis.search.baseline import Prepared, loads_taken_back, prepared
 from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.refit import TOLERANCE
+from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
 from driver.diagnosis.statistics.screening import screened
+from driver.identification.boundary_jitter import BoundaryJitter
 from driver.identification.fit import Fit
 from driver.identification.line_search import newton
 from driver.identification.objective import Evaluation, Objective
@@ -84,6 +89,20 @@ def test_images_that_free_correlation_cannot_follow_count_by_what_it_leaves() ->
 def test_without_the_answers_to_a_noise_of_the_boundary_no_load_is_taken_back() -> None:
     found = begin(OFF)
     assert loads_taken_back(found, BoundaryNoiseSensitivities(None, None), (), ()) is found
+
+
+@pytest.mark.parametrize("seen", [True, False])
+def test_loads_are_taken_back_where_the_noise_that_explains_them_is_seen_with_any_cause_free(
+    monkeypatch: pytest.MonkeyPatch, seen: bool
+) -> None:
+    found, p = begin(OFF), (0.5 if seen else 1.0) * FAMILY_LEVEL
+    stops = BoundaryNoiseSensitivities(cast(BoundaryJitter, SimpleNamespace()))
+    monkeypatch.setattr(baseline_module, "explains_better", lambda *_: True)
+    monkeypatch.setattr(baseline_module, "score_boundary_noise", lambda *_: SimpleNamespace(p=p))
+    after = loads_taken_back(found, stops, (), found.baseline.best.free)
+    assert (after is found) != seen
+    assert after.objective.data.bad_loads == (() if seen else (WRONG,))
+    assert len(after.bad) == (0 if seen else 1)
 
 
 def test_what_is_prepared_is_fitted_to_first_order() -> None:

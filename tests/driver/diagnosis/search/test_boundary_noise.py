@@ -11,6 +11,7 @@ import pytest
 from driver.diagnosis.answer.result_types import Diagnosis, Refit
 from driver.diagnosis.causes.all_causes import NAMES
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
+from driver.diagnosis.search import boundary_noise
 from driver.diagnosis.search import selection_round as one_round
 from driver.diagnosis.search.baseline import with_load_noise
 from driver.diagnosis.search.boundary_noise import (
@@ -35,6 +36,7 @@ from driver.identification.boundary_jitter import (
     unit_elongation,
 )
 from driver.identification.fit import Fit
+from driver.identification.image_data import ImageData
 from driver.identification.objective import Evaluation, Objective
 from driver.parameters.covariance import SIGMA_E
 from solver_adapters.finite_differences import FiniteDifferences
@@ -244,6 +246,22 @@ def test_a_suspected_noise_that_is_not_worth_adding_leaves_the_round_to_the_caus
     assert "tilt_drift" in found.verdict.names and not found.levels
     noise = next(s for s in found.rounds[0].scores if s.cause == BOUNDARY_NOISE)
     assert noise.p < FAMILY_LEVEL
+
+
+def test_the_answers_to_each_stop_are_simulated_again_at_the_first_two_fits_with_the_noise(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    objective, fitted = baseline(NOISE)
+    stops = boundary_jitter(objective.model, objective.data.image, fitted.values, SIGMA_E.scale)
+    strengths: list[float] = []
+
+    def simulated(model: ForwardModel, image: ImageData, at: Values, by: float) -> BoundaryJitter:
+        strengths.append(at["tau0"])
+        return stops
+
+    monkeypatch.setattr(boundary_noise, "boundary_jitter", simulated)
+    refit_boundary_noise(stops, fitted.best, objective)
+    assert len(strengths) == 2 and fitted.values["tau0"] not in strengths
 
 
 def test_a_noise_that_the_data_do_without_is_taken_back() -> None:

@@ -87,6 +87,12 @@ def test_where_many_loads_are_wrong_none_is_an_outlier() -> None:
     assert bad_loads(fitted(load), DATA) == ()
 
 
+@pytest.mark.parametrize(("wrong", "found"), [([10, 33, 50], True), ([10, 20, 33, 50], False)])
+def test_no_more_than_a_twentieth_of_the_loads_are_outliers(wrong: list[int], found: bool) -> None:
+    load = noise(6) + 40 * np.isin(np.arange(T), wrong)
+    assert [bad.frame for bad in bad_loads(fitted(load), DATA)] == (wrong if found else [])
+
+
 def test_the_noise_of_the_loads_is_estimated_without_bias_and_with_its_degrees() -> None:
     """Of loads that parameters of the law have moved as their prior says."""
     rng = np.random.default_rng(7)
