@@ -4,19 +4,20 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from driver.diagnosis.causes.ebsd_flips import FLIPS
-from driver.diagnosis.search.fine_models import FineModels
+from driver.diagnosis.search.fine_models import FineModels, added_by_second
 from driver.diagnosis.search.refit import Executor
 from driver.forward.model import ForwardModel
-from driver.identification.correction import correction
+from driver.identification.correction import SecondMesh, correction
 from driver.identification.fit import Fit
 from driver.identification.step_error import StepError
 from meshes.arrays import FloatArray
-from solver_adapters.interface import PreparedError, Simulation, SolverError
+from solver_adapters.interface import PreparedError, Response, Simulation, SolverError
 from tools import closed_form
 from tools.closed_form_diagnosis import finer, identified
 
@@ -106,6 +107,41 @@ def test_what_steps_of_first_order_change_is_no_difference_of_the_meshes() -> No
     assert plain is not None and found is not None
     np.testing.assert_allclose(found.added.load, plain.added.load, atol=1e-9)
     np.testing.assert_allclose(found.added.motion, plain.added.motion, atol=1e-12)
+
+
+class OfFirstOrder(closed_form.ClosedFormSolver):
+    """A solver whose steps make the load too large by as much as they are long."""
+
+    def __init__(self, finer: float = 0.0) -> None:
+        super().__init__(finer)
+        self.runs = 0
+
+    def solve(self, simulation: Simulation, *rest: Any, **more: Any) -> Response:
+        self.runs += 1
+        answer = super().solve(simulation, *rest, **more)
+        ends = simulation.times[1:] if simulation.steps is None else simulation.steps
+        return replace(answer, ends=ends, force=(1.0 + 0.5 / ends.size) * answer.force)
+
+
+def test_what_steps_of_first_order_leave_is_not_simulated_again_for_a_second_mesh() -> None:
+    adapter, values = OfFirstOrder(), here().values
+    working = replace(BENCH.model, adapter=adapter, integration="backward_euler")
+    one, second = (
+        replace(working, adapter=OfFirstOrder(by), steps_per_interval=2) for by in (0.001, 0.003)
+    )
+    coarse = working.predict(values)
+    at = replace(here(), best=replace(here().best, prediction=coarse))
+    first, other = (correction(working, finest, coarse, values) for finest in (one, second))
+    assert first.left_by_steps is not None and np.abs(first.left_by_steps.load).max() > 0.1
+    adapter.runs = 0
+    objective = replace(OBJECTIVE, model=working, correction=first)
+    found = added_by_second(second, None, objective, at)
+    assert adapter.runs == 0
+    assert isinstance(found, SecondMesh)
+    (motion, load), (first_motion, first_load) = other.of_mesh, first.of_mesh
+    np.testing.assert_allclose(found.difference.load, load - first_load, atol=1e-9)
+    np.testing.assert_allclose(found.difference.motion, motion - first_motion, atol=1e-12)
+    assert np.abs(found.difference.load).max() > 0.1
 
 
 def test_what_the_second_mesh_added_before_is_no_part_of_the_first_one() -> None:
