@@ -1,15 +1,20 @@
 from __future__ import annotations
 
 from functools import cache
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
+from driver.diagnosis.answer.result_types import DiscretisationCheck, Round
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.search.discretisation_check import (
     discretisation_check,
+    with_missing_share,
     with_what_is_needed,
 )
+from driver.diagnosis.statistics.score_test import NAMING_LEVEL
 from driver.identification.correction import Correction, correction
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
@@ -58,6 +63,26 @@ def test_a_correction_that_has_not_changed_passes() -> None:
     found = discretisation_check(objective, here, objective.correction, [], ["tau0"])
     assert found.passed and found.effect == pytest.approx(0.0, abs=1e-9)
     assert found.along.name == "tau0" and found.needed is None and found.words is None
+
+
+@pytest.mark.parametrize(("accepted", "share"), [(True, 0.8), (False, 0.8), (True, 1.3)])
+def test_a_share_of_the_correction_is_missing_where_the_tests_accept_all_that_is_left(
+    accepted: bool, share: float
+) -> None:
+    """Where they reject, or more than the whole is missing, it is another effect."""
+    objective, here = baseline()
+    own = SimpleNamespace(
+        cause=NUMERICS, p=0.1 * NAMING_LEVEL, estimate=np.array([share]), sigma=np.array([0.1])
+    )
+    last = SimpleNamespace(scores=(own,), goodness_of_fit=SimpleNamespace(accepted=accepted))
+    check = DiscretisationCheck(0.5, NUMERICS, "mesh")
+    found = with_missing_share(
+        check, cast(Round, last), objective, here, objective.correction, OTHER_STEPS
+    )
+    if accepted and share < 1.2:
+        assert found.missing == (share, 0.1) and found.needed == "mesh"
+    else:
+        assert found is check
 
 
 def test_where_no_cause_could_be_tried_nothing_can_be_mistaken() -> None:

@@ -100,6 +100,12 @@ def test_what_a_second_mesh_takes_away_asks_for_no_other_cause() -> None:
     assert found.rounds[0].named == (WRONG, TRUE) and not found.rounds[0].left_something
 
 
+def test_where_as_many_causes_were_added_as_there_may_be_no_rival_is_tried() -> None:
+    with patch.object(forward_selection, "MOST_ADDITIONS", 1):
+        found = diagnosed((WRONG, TRUE), (WRONG, TRUE))
+    assert found.rounds[0].named == (WRONG, TRUE) and not found.rounds[0].left_something
+
+
 def without_the_rival(error: SolverError) -> Diagnosis:
     def failing(before: Extension, winner: Refit, settings: Settings) -> Extension:
         if winner.cause.name == OTHER:

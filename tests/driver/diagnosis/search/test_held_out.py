@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from driver.diagnosis.answer.result_types import HeldOut
+from driver.diagnosis.search import held_out
 from driver.diagnosis.search.held_out import (
     HeldOutTask,
     knots_of_cycle,
@@ -13,7 +15,8 @@ from driver.diagnosis.search.held_out import (
     trained_on_others,
 )
 from driver.experiment.history import knot_weights
-from driver.identification.fit import fit
+from driver.identification.fit import Fit, fit
+from driver.identification.objective import Evaluation
 from driver.parameters.boundary import elongation_names, tilt_names
 from tools import closed_form
 
@@ -72,6 +75,23 @@ def test_the_held_out_loads_teach_nothing() -> None:
     others = [trained_on_others(one).values["tau0"] for one in (right, wrong)]
     assert abs(whole[1] - whole[0]) > 5 * sigma  # to all cycles it is another fit
     assert abs(others[1] - others[0]) < 0.5 * sigma
+
+
+def test_knots_that_the_held_out_loads_show_are_counted_as_fitted_to_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Those of the elongation, of which two are of the second cycle alone."""
+    ends: list[Evaluation] = []
+
+    def noted(*given: Any, **more: Any) -> Fit:
+        ends.append((found := fit(*given, **more)).best)
+        return found
+
+    monkeypatch.setattr(held_out, "fit", noted)
+    found = predicted(drift=30.0, stiff=1.0)
+    loads = ends[-1].residual[: ends[-1].n_load]
+    assert loads.size == np.sum(closed_form.history().cycle == 2)
+    assert found.chi_load == pytest.approx(float(np.sqrt(loads @ loads / (loads.size - 2))))
 
 
 def test_a_held_out_middle_makes_no_neighbours_of_the_frames_around_it() -> None:
