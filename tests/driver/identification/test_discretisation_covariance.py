@@ -69,3 +69,18 @@ def test_what_is_left_is_in_proportion_to_the_correction() -> None:
     none = simulation_error(image, 0 * motion, 0 * load, 0.5, 1.0)
     z = RNG.standard_normal(seen.shape)
     np.testing.assert_allclose(none.whiten_images(z, none.shapes), z, atol=1e-12)
+
+
+def test_what_is_left_keeps_the_three_strongest_shapes_in_time() -> None:
+    b = closed_form.problem()
+    image = closed_form.objective(b, b.truth).data.image
+    y = image.images.xy[:, 1]
+    clock = np.linspace(0.0, 1.0, b.history.n_images)
+    bumps = np.stack([np.exp(-4.0 * (y - at) ** 2) for at in (0.5, 1.5, 2.5, 3.5)])
+    course = np.stack([np.sin(np.pi * (k + 1) * clock) for k in range(4)], axis=1)
+    motion = 1e-3 * np.einsum("tk,kp,c->tpc", course, bumps, np.ones(3))
+    strengths = np.linalg.svd(image.pixel_sensitivity(motion), compute_uv=False)
+    assert strengths[3] > 0.05 * strengths[0]
+    left = simulation_error(image, motion, 0.0 * clock, 0.5, 1.0)
+    found = np.linalg.norm(left.shapes, axis=0)
+    np.testing.assert_allclose(found, strengths[:3], rtol=1e-9)

@@ -54,6 +54,13 @@ def test_rotations_of_their_own_are_no_turn_of_the_frame() -> None:
     assert sum(map(bool, told)) <= 2
 
 
+def test_rotations_as_small_as_what_a_flip_leaves_of_them_are_no_flip() -> None:
+    """A flip hardly turns lattices whose axes lie along those of the specimen."""
+    along = Rotation.from_rotvec(np.deg2rad([[0.5, 0.0, 0.0], [0.0, 0.5, 0.0]])).as_matrix()
+    turns = np.deg2rad([[0.0, 3.0, 0.0], [0.0, 0.0, -3.0]])
+    assert common_turn(turns, COVARIANCE, along) == ""
+
+
 def test_noise_is_no_turn() -> None:
     rng = np.random.default_rng(5)
     told = [common_turn(SIGMA * rng.normal(size=(2, 3)), COVARIANCE, MEASURED) for _ in range(200)]
@@ -66,4 +73,5 @@ def test_only_a_verdict_without_a_name_tells_it() -> None:
         said = with_turned_frame(verdict, "The frame.")
         assert (said.text == "Text. The frame.") == changed
         assert ("orientation.ebsd_to_specimen" in said.next) == changed
-    assert with_turned_frame(verdict, "") is verdict
+    unexplained = Verdict("unexplained", (), "Text.", "Next.")
+    assert with_turned_frame(unexplained, "") is unexplained
