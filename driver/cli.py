@@ -25,6 +25,7 @@ from driver.case.specimen import Shape
 from driver.common.atomic_write import write_whole
 from driver.common.errors import sentence
 from driver.common.formatting import byte_size
+from driver.common.stage_names import STAGE_NAMES
 from driver.results.files import EXPORT
 from driver.terminal.answers import answer_of_check, answer_of_run, answer_of_status, answered
 from driver.terminal.endings import (
@@ -69,6 +70,14 @@ def _path(text: str) -> Path:
     if not text:
         raise typer.BadParameter('found "", expected the name of a file or a folder')
     return Path(text)
+
+
+def _stage(text: str) -> str:
+    """Return the name of a stage."""
+    if text not in STAGE_NAMES:
+        expected = ", ".join(STAGE_NAMES)
+        raise typer.BadParameter(f'found "{text}", expected one of {expected}')
+    return text
 
 
 CaseArgument = Annotated[
@@ -199,7 +208,11 @@ def run(
     ],
     until: Annotated[
         str | None,
-        typer.Option(help="last stage to run: mesh, measure, identify, diagnose, advise or report"),
+        typer.Option(
+            metavar="STAGE",
+            parser=_stage,
+            help="last stage to run: mesh, measure, identify, diagnose, advise or report",
+        ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="run finished stages again")] = False,
     prepare_only: Annotated[
@@ -351,7 +364,12 @@ def verify(
         ),
     ],
     until: Annotated[
-        str | None, typer.Option(help="last stage to compute, default all that have results")
+        str | None,
+        typer.Option(
+            metavar="STAGE",
+            parser=_stage,
+            help="last stage to compute, default all that have results",
+        ),
     ] = None,
     of_case: ResultsOption = None,
 ) -> None:

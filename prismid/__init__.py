@@ -21,9 +21,8 @@ if TYPE_CHECKING:
     from driver.dic.incremental import IncrementalCorrelation, correlate_incrementally
     from driver.doubts.finding import Finding
     from driver.experiment.orientations import orientations_of
-    from driver.results.files import results_of
     from driver.results.hdf5 import read_hdf5
-    from prismid.cases import changed, load_case
+    from prismid.cases import changed, load_case, results_of
     from prismid.pictures import figures
     from prismid.results import read_results
     from prismid.simulations import simulate
@@ -98,7 +97,7 @@ _MODULES = {
     "read_hdf5": "driver.results.hdf5",
     "read_results": "prismid.results",
     "report": "prismid.stages",
-    "results_of": "driver.results.files",
+    "results_of": "prismid.cases",
     "run": "prismid.stages",
     "simulate": "prismid.simulations",
     "strain_path": "solver_adapters.bundled.material_point",

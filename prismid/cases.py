@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from driver.case import model
-from driver.case.messages import sentences
+from driver.case.changes import changed_case
 from driver.case.model import CASE_FILE, Case, CaseError
 from driver.common.errors import InputError, one_of, sentence
+from driver.results import files
 
 CaseLike = Case | Path | str
 """A case that was read, its file, or the folder of its `case.toml`."""
@@ -41,7 +40,8 @@ def changed(case: CaseLike, values: Mapping[str, Any]) -> Case:
 
     Args:
         case: the case, its file or its folder.
-        values: what its file would state, by dotted key: {"material.tau0_MPa": 30.0}.
+        values: what its file would state, by dotted key: {"material.tau0_MPa": 30.0}; an entry of
+            a list by its number from 1, as "grains.2.euler_deg".
 
     Returns:
         a case that names the same file, whose folder its paths start from; `write_case` writes it
@@ -57,20 +57,53 @@ def changed(case: CaseLike, values: Mapping[str, Any]) -> Case:
         30.0
     """
     before = read(case)
-    data = before.model_dump(mode="json")
+    whole, change = before.model_dump(mode="json"), dict[str, Any]()
     for key, value in values.items():
         *tables, last = key.split(".")
-        table: Any = data
+        known, stated = whole, change
         for name in tables:
-            if not isinstance(table.get(name), dict):
-                expected = one_of(name, tuple(table))
-                raise CaseError(sentence(before.file, key, f"the table {name}", expected))
-            table = table[name]
-        table[last] = value
-    try:
-        return Case.model_validate(data, context={"file": before.file})
-    except ValidationError as error:
-        raise CaseError(sentences(before.file, Case, data, error)) from None
+            known = _table(before, key, known, name)
+            stated = stated.setdefault(name, {})
+        if isinstance(known, list) and last not in _numbered(known):
+            found, expected = f"the entry {last} of a list", "one of its numbers, counted from 1"
+            raise CaseError(sentence(before.file, key, found, expected))
+        stated[last] = value
+    return changed_case(before, change, before.file, "case")
+
+
+def _table(case: Case, key: str, above: Any, name: str) -> Any:
+    """Return a table inside another, or an entry of a list.
+
+    Args:
+        case: the case.
+        key: the whole key, to be told.
+        above: the table or the list.
+        name: of the table, or number of the entry from 1.
+
+    Raises:
+        CaseError: there is none of that name.
+    """
+    inside = _numbered(above) if isinstance(above, list) else above
+    if not isinstance(inside.get(name), dict | list):
+        expected = one_of(name, tuple(inside))
+        raise CaseError(sentence(case.file, key, f"the table {name}", expected))
+    return inside[name]
+
+
+def _numbered(entries: list[Any]) -> dict[str, Any]:
+    return {str(number): entry for number, entry in enumerate(entries, start=1)}
+
+
+def results_of(case: CaseLike) -> Path:
+    """Return the folder of the results of a case.
+
+    Args:
+        case: the case, its file or its folder.
+
+    Raises:
+        CaseError: its file cannot be used.
+    """
+    return files.results_of(read(case))
 
 
 def read(case: CaseLike) -> Case:

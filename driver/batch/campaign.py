@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
@@ -12,6 +12,7 @@ from driver.case.messages import refusal
 from driver.case.toml import read_tables, read_toml
 from driver.case.values import Few, FileName, NewFolder, Positive, Table
 from driver.common.errors import InputError, sentence
+from driver.common.stage_names import StageName
 
 Seed = Annotated[int, Field(strict=True, ge=0)]
 
@@ -84,9 +85,7 @@ class Campaign(Table):
     cases: tuple[FileName, ...] = Field(
         default=(), description='a list of case files or patterns, as ["specimens/*/case.toml"]'
     )
-    until: Literal["mesh", "measure", "identify", "diagnose", "advise", "report"] = Field(
-        default="report", description="the last stage of each case"
-    )
+    until: StageName = Field(default="report", description="the last stage of each case")
     study: tuple[Study, ...] = Field(default=(), description="tables [[study]]")
     trial: tuple[Trial, ...] = Field(default=(), description="tables [[trial]]")
     execution: Use = Use()

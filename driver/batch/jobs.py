@@ -354,6 +354,8 @@ def _printable(name: str) -> str:
 def _as_file(name: str) -> str:
     """Return a name as a file can have it on every system."""
     kept = "".join(c if c.isalnum() or c in "._-+=, " else "_" for c in name)
+    if kept.startswith("."):  # hidden from who lists the folder
+        kept = "_" + kept[1:]
     if kept == name and len(kept.encode()) <= _LONGEST:
         return kept
     # Names that differ by other characters alone, or are too long for a file, stay apart.

@@ -8,7 +8,7 @@ from functools import reduce
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
-from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, model_validator
+from pydantic import BaseModel, Field, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
 from driver.case.grains import Grain, Orientation
 from driver.case.history import HistoryTable
@@ -22,7 +22,7 @@ from driver.case.specimen import Shape, Specimen
 from driver.case.toml import read_toml
 from driver.case.user_mesh import measures_of_file
 from driver.case.values import Number, Table
-from driver.common.errors import InputError, one_of
+from driver.common.errors import InputError, one_of, sentence, why
 from driver.parameters.boundary import LAMBDAS
 from driver.parameters.microstructure import moves_boundary
 from driver.parameters.pose import POSE_DECLARATIONS
@@ -273,9 +273,15 @@ class Case(Table):
         return reduce(getattr, key.split("."), self)
 
     def with_values_at(self, values: Mapping[str, Any]) -> Case:
-        """Return the case with other values at dotted keys; they are not validated anew."""
+        """Return the case with other values at dotted keys, which are not validated anew.
+
+        Raises:
+            CaseError: there is no such key.
+        """
         changed = self
         for key, value in values.items():
+            if (unknown := _unknown(self, key)) is not None:
+                raise CaseError(sentence(self.file, key, "no such key", unknown))
             changed = _with_value(changed, key, value)
         return changed
 
@@ -295,6 +301,18 @@ class Case(Table):
         """Whether the dilatation of a cell is projected on few functions."""
         stated = self.solver.mean_dilatation
         return self.specimen.cell_kind == "hex20" if stated is None else stated
+
+
+def _unknown(table: BaseModel, key: str) -> str | None:
+    """Return what is expected at a dotted key that does not exist, None where it does."""
+    name, _, below = key.partition(".")
+    names = tuple(type(table).model_fields)
+    if name not in names:
+        return one_of(name, names)
+    inner = getattr(table, name)
+    if not below:
+        return None
+    return _unknown(inner, below) if isinstance(inner, BaseModel) else f"no key below {name}"
 
 
 def _with_value(table: AnyTable, key: str, value: Any) -> AnyTable:
@@ -323,9 +341,13 @@ def case_text(case: Case) -> str:
     return render("case.toml.j2", comments=comments, **case.model_dump(mode="json"))
 
 
-def write_case(case: Case, path: Path) -> None:
+def write_case(case: Case, path: Path | str) -> None:
     """Write a case file; its editor schema is expected beside it as `case.schema.json`."""
-    path.write_text(case_text(case), encoding="utf-8")
+    try:
+        Path(path).write_text(case_text(case), encoding="utf-8")
+    except OSError as error:
+        expected = "a file that can be written, in a folder that is there"
+        raise CaseError(sentence(Path(path), "file", why(error), expected)) from None
 
 
 def default_case(crystal: Crystal = "bcc", shape: Shape = "prism") -> Case:

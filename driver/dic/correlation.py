@@ -105,7 +105,7 @@ class Correlation(Solution):
 
     def at_pixels(self, t: int = 0) -> FloatArray:
         """u, v, w of image t at the pixels of the region of interest, shape (n_pix, 3)."""
-        p = self.coefficients[t : t + 1]
+        p = self.coefficients[t][None]
         return np.asarray(motion_at_pixels(self.basis_uv, self.basis_w, p)[0])
 
     def residual_map(self, t: int = 0, in_sigma: bool = False) -> FloatArray:

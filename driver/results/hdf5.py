@@ -193,13 +193,13 @@ class StoredSeries:
                 yield from np.asarray(dataset[first : first + together])
 
 
-def read_hdf5(path: Path) -> dict[str, Array]:
+def read_hdf5(path: Path | str) -> dict[str, Array]:
     """All datasets of a file by name.
 
     Raises:
         ResultError: the file is absent, truncated or no HDF5 file.
     """
-    return _read(path, lambda name, dataset: np.asarray(dataset[()]))
+    return _read(Path(path), lambda name, dataset: np.asarray(dataset[()]))
 
 
 def open_hdf5(path: Path, stored: Collection[str]) -> dict[str, Any]:
@@ -247,8 +247,9 @@ def _readable(path: Path) -> Iterator[h5py.File]:
             yield file
     except (OSError, ValueError, TypeError, RuntimeError, KeyError, MemoryError) as error:
         raise ResultError(
-            f"{path}: found no readable HDF5 file ({why(error)}), expected a result of prismid; "
-            f"{_remedy(path)}"
+            f"{path}: found no readable HDF5 file ({why(error)}), expected a result of prismid"
+            # A file of any other name may be the user's own.
+            + (f"; {_remedy(path)}" if path.name in _STAGES else "")
         ) from None
 
 

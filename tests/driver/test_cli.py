@@ -423,6 +423,15 @@ def test_results_elsewhere_are_of_one_case(pipeline: SimpleNamespace, case_path:
     assert found.exit_code == 2 and pipeline.calls == []
 
 
+@pytest.mark.parametrize("verb", ["run", "verify"])
+def test_a_stage_that_there_is_not_is_no_value_of_an_option(
+    pipeline: SimpleNamespace, case_path: Path, verb: str
+) -> None:
+    found = invoke(verb, case_path, "--until", "mash")
+    assert found.exit_code == 2 and pipeline.calls == []
+    assert 'found "mash", expected one of mesh, measure' in found.output
+
+
 @pytest.mark.parametrize("verb", [(), ("run",), ("cache", "list")])
 def test_help_has_a_short_name(verb: tuple[str, ...]) -> None:
     assert invoke(*verb, "-h").exit_code == 0

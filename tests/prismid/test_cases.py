@@ -46,11 +46,25 @@ def test_a_changed_case_is_that_of_a_file_with_these_values(folder: Path) -> Non
     assert prismid.load_case(folder) == changed
 
 
+def test_an_entry_of_a_list_is_changed_by_its_number_from_1(folder: Path) -> None:
+    before = prismid.load_case(folder)
+    changed = prismid.changed(folder, {"grains.2.euler_deg": [10.0, 20.0, 30.0]})
+    assert changed.grains[1].euler_deg == (10.0, 20.0, 30.0)
+    assert changed.grains[0] == before.grains[0]
+
+
+def test_the_folder_of_the_results_is_that_of_a_case_however_it_is_named(folder: Path) -> None:
+    results = folder / "results"
+    for named in (prismid.load_case(folder), folder, str(folder / "case.toml")):
+        assert prismid.results_of(named) == results
+
+
 @pytest.mark.parametrize(("values", "said"), [
     ({"material.tau0": 30.0}, r"case\.toml: material\.tau0: "),
     ({"material.tau0_MPa": -1.0}, r"case\.toml: material\.tau0_MPa: found -1\.0, expected "),
     ({"materials.tau0_MPa": 1.0}, r"materials\.tau0_MPa: found the table materials, expected mat"),
-    ({"grains.name": "x"}, r"grains\.name: found the table grains"),
+    ({"grains.3.name": "x"}, r"grains\.3\.name: found the table 3, expected one of 1, 2"),
+    ({"grains.name": "x"}, r"grains\.name: found the entry name of a list, expected one of"),
 ])  # fmt: skip
 def test_a_change_that_no_file_could_state_is_refused(
     folder: Path, values: dict[str, object], said: str

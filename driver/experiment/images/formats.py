@@ -52,5 +52,7 @@ def _open_npy(file: Path) -> FileFrames:
         if whole and not fortran and not dtype.hasobject:
             return contiguous(file, offset, stack_shape(shape, dtype), dtype)
         return in_memory(np.asarray(np.load(file, allow_pickle=False)))
+    except Refused:
+        raise
     except Exception as error:  # the header is an expression of Python, with all its errors
         raise Refused(why(error), "an NPY file of numbers that can be read") from None

@@ -217,6 +217,16 @@ def test_names_of_files_are_short_and_say_nothing_of_the_version(
     assert [job.case for job in jobs_of(campaign, file)] == before
 
 
+def test_a_study_of_a_case_above_the_campaign_is_not_in_a_hidden_folder(file: Path) -> None:
+    beside = file.parent / "campaigns" / "campaign.toml"
+    beside.parent.mkdir()
+    values = {"loads.noise_uN": (1.0,)}
+    campaign = Campaign(study=(Study(case="../base/case.toml", values=values),))
+    (job,) = jobs_of(campaign, beside)
+    parts = [*job.case.relative_to(beside.parent).parts, job.log.name]
+    assert not any(part.startswith(".") for part in parts)
+
+
 def test_what_no_terminal_or_table_shows_is_left_out_of_names(tmp_path: Path) -> None:
     for folder in (b"x\xff", b"x\x1b[31m"):
         write_small_case(tmp_path / os.fsdecode(folder))

@@ -8,7 +8,15 @@ import pytest
 from pydantic import Field
 
 from driver.case.material import MaterialTable
-from driver.case.model import Case, CaseError, case_text, default_case, load_case, schema
+from driver.case.model import (
+    Case,
+    CaseError,
+    case_text,
+    default_case,
+    load_case,
+    schema,
+    write_case,
+)
 from driver.case.solver import ProfileTable
 from solver_adapters.material import Material
 from tests.driver.stated_sizes import stated_case
@@ -227,6 +235,28 @@ def test_values_are_read_and_changed_at_dotted_keys() -> None:
         key: case.value_at(key) for key in ("boundary.lambda_start.plus_Y", "material.tau0_MPa")
     }
     assert changed.with_values_at(back) == case and changed.file == case.file
+
+
+@pytest.mark.parametrize(
+    ("key", "expected"),
+    [
+        ("material.Tau0_MPa", "tau0_MPa"),
+        ("materials.tau0_MPa", "material"),
+        ("material.tau0_MPa.x", "no key below tau0_MPa"),
+        ("grains.2.euler_deg", "no key below grains"),
+    ],
+)
+def test_a_value_at_a_key_that_there_is_not_is_refused(key: str, expected: str) -> None:
+    with pytest.raises(CaseError, match=f"{key}: found no such key, expected.*{expected}"):
+        default_case().with_values_at({key: 10.0})
+
+
+def test_a_case_that_cannot_be_written_is_told_in_a_sentence(tmp_path: Path) -> None:
+    write_case(default_case(), str(tmp_path / "case.toml"))
+    assert case_text(load_case(tmp_path / "case.toml")) == case_text(default_case())
+    absent = tmp_path / "absent" / "case.toml"
+    with pytest.raises(CaseError, match=f"{absent}: file: found .*, expected a file that can be"):
+        write_case(default_case(), absent)
 
 
 def test_every_key_stands_in_the_written_case() -> None:

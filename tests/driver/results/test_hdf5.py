@@ -72,6 +72,19 @@ def test_a_damaged_array_is_one_sentence(path: Path) -> None:
         read_hdf5(path)
 
 
+def test_who_asks_for_a_file_that_no_stage_writes_is_not_told_to_delete_it(
+    path: Path, tmp_path: Path
+) -> None:
+    measured = tmp_path / "measure.h5"
+    own = tmp_path / "history.csv"
+    for file in (measured, own):
+        file.write_text("time_s,force_N\n", encoding="utf-8")
+    with pytest.raises(ResultError, match="expected a result of prismid; delete it, and"):
+        read_hdf5(measured)
+    with pytest.raises(ResultError, match=r"expected a result of prismid$"):
+        read_hdf5(str(own))
+
+
 def test_an_absent_file_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="found no readable HDF5 file"):
         read_hdf5(tmp_path / "absent.h5")

@@ -87,6 +87,14 @@ def test_a_tiff_whose_directory_points_at_itself_is_refused(tmp_path: Path) -> N
         open_file(file)
 
 
+def test_an_array_that_is_no_stack_of_images_is_told_by_its_shape(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.zeros((1, 2, 6, 10)))
+    with pytest.raises(Refused) as refused:
+        open_file(tmp_path / "a.npy")
+    assert refused.value.found == "an array of shape (1, 2, 6, 10)"
+    assert refused.value.expected.startswith("heights of shape (rows, columns)")
+
+
 @pytest.mark.parametrize("suffix", [".npy", ".png", ".tif", ".h5"])
 def test_the_header_tells_shape_and_type_of_what_is_read(suffix: str, tmp_path: Path) -> None:
     levels, file = np.arange(60, dtype=np.uint8).reshape(1, 6, 10), tmp_path / f"a{suffix}"
