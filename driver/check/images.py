@@ -84,6 +84,13 @@ def _face(case: Case, experiment: Experiment) -> Finding:
     half, length = case.specimen.width / 2 / pixel, case.specimen.length / pixel
     top, bottom, left, right = row - half, row + half, column, column + length
     place = f"rows {top:.1f} … {bottom:.1f}, columns {left:.1f} … {right:.1f}"
+    if 2 * half > rows or length > columns:  # wherever it lies
+        return Finding(
+            "error",
+            "images",
+            f"images.pixel_size_nm: found {1e3 * pixel:g}, with which the measured face is "
+            f"{2 * half:.0f} × {length:.0f} px, expected one that fits into {rows} × {columns} px",
+        )
     if top < -0.5 or left < -0.5 or bottom > rows - 0.5 or right > columns - 0.5:
         return Finding(
             "error",

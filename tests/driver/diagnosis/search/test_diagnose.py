@@ -339,7 +339,7 @@ def test_what_no_finer_simulation_takes_away_is_unexplained_whatever_that_change
     assert diagnosed({"tilt_drift": 1.2e-2}, settings=two).verdict.kind == "numerics"
 
 
-class ErringWithContrast(closed_form.ClosedFormSolver):
+class ErringWithItsCube(closed_form.ClosedFormSolver):
     """A working mesh that errs by the third power of what the grains differ by."""
 
     def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
@@ -359,7 +359,7 @@ def test_an_own_error_that_the_correction_taken_anew_holds_refuses_no_verdict(
     """
     monkeypatch.setattr(extension, "_MOST_CORRECTIONS", 1)
     monkeypatch.setattr(finite_step_score, "refit_from_look", lambda *_: None)
-    working = replace(BENCH.model, adapter=ErringWithContrast())
+    working = replace(BENCH.model, adapter=ErringWithItsCube())
     made = closed_form.objective(BENCH, BENCH.truth | {"tau0_grain2": 3.0})
     objective, fitted = identified(replace(BENCH, model=working), replace(made, model=working))
     found = diagnose.diagnose(
