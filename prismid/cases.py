@@ -6,8 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from driver.case import model
-from driver.case.changes import changed_case
+from driver.case.grains import GIVES_WAY
+from driver.case.messages import sentences
 from driver.case.model import CASE_FILE, Case, CaseError
 from driver.common.errors import InputError, one_of, sentence
 from driver.results import files
@@ -48,7 +51,8 @@ def changed(case: CaseLike, values: Mapping[str, Any]) -> Case:
         to one of its own.
 
     Raises:
-        CaseError: a key is unknown or a value out of range; an `InputError`.
+        CaseError: a key is unknown, or lies inside another one, or a value is out of range; an
+            `InputError`.
 
     Examples:
         >>> import prismid
@@ -57,21 +61,32 @@ def changed(case: CaseLike, values: Mapping[str, Any]) -> Case:
         30.0
     """
     before = read(case)
-    whole, change = before.model_dump(mode="json"), dict[str, Any]()
+    data = before.model_dump(mode="json")
     for key, value in values.items():
+        inside = [other for other in values if other.startswith(f"{key}.")]
+        if inside:
+            raise CaseError(sentence(before.file, inside[0], f"{key} beside it", "one of both"))
         *tables, last = key.split(".")
-        known, stated = whole, change
+        table: Any = data
         for name in tables:
-            known = _table(before, key, known, name)
-            stated = stated.setdefault(name, {})
-        if isinstance(known, list) and last not in _numbered(known):
-            found, expected = f"the entry {last} of a list", "one of its numbers, counted from 1"
-            raise CaseError(sentence(before.file, key, found, expected))
-        stated[last] = value
-    return changed_case(before, change, before.file, "case")
+            table = _inside(before, key, table, name)
+        if isinstance(table, list):
+            table[_place(before, key, table, last)] = value
+            continue
+        if not isinstance(table, dict):
+            raise CaseError(sentence(before.file, key, f"no table {tables[-1]}", "the key of one"))
+        table[last] = value
+        if tables[:1] == ["grains"]:
+            for other in GIVES_WAY.get(last, ()):
+                if ".".join((*tables, other)) not in values:
+                    table.pop(other, None)
+    try:
+        return Case.model_validate(data, context={"file": before.file})
+    except ValidationError as error:
+        raise CaseError(sentences(before.file, Case, data, error)) from None
 
 
-def _table(case: Case, key: str, above: Any, name: str) -> Any:
+def _inside(case: Case, key: str, above: Any, name: str) -> Any:
     """Return a table inside another, or an entry of a list.
 
     Args:
@@ -83,15 +98,25 @@ def _table(case: Case, key: str, above: Any, name: str) -> Any:
     Raises:
         CaseError: there is none of that name.
     """
-    inside = _numbered(above) if isinstance(above, list) else above
-    if not isinstance(inside.get(name), dict | list):
-        expected = one_of(name, tuple(inside))
+    if isinstance(above, list):
+        return above[_place(case, key, above, name)]
+    if not isinstance(above, dict) or name not in above:
+        expected = one_of(name, tuple(above)) if isinstance(above, dict) else "the key of a table"
         raise CaseError(sentence(case.file, key, f"the table {name}", expected))
-    return inside[name]
+    return above[name]
 
 
-def _numbered(entries: list[Any]) -> dict[str, Any]:
-    return {str(number): entry for number, entry in enumerate(entries, start=1)}
+def _place(case: Case, key: str, entries: list[Any], name: str) -> int:
+    """Return the place of an entry of a list that is named by its number from 1.
+
+    Raises:
+        CaseError: there is none of that number.
+    """
+    places = {str(number + 1): number for number in range(len(entries))}
+    if name not in places:
+        found, expected = f"the entry {name} of a list", "one of its numbers, counted from 1"
+        raise CaseError(sentence(case.file, key, found, expected))
+    return places[name]
 
 
 def results_of(case: CaseLike) -> Path:

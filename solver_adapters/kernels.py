@@ -111,11 +111,12 @@ class _Compilations(Listener):
     """Counts the kernels that are being compiled; those that are loaded are none."""
 
     def __init__(self) -> None:
-        self.at_work = 0
+        self.at_work = self.begun = 0
 
     def on_start(self, event: Event) -> None:
         """Count one that begins."""
         self.at_work += 1
+        self.begun += 1
 
     def on_end(self, event: Event) -> None:
         """Count one that ends."""
@@ -125,6 +126,7 @@ class _Compilations(Listener):
     def one_more(self) -> Iterator[None]:
         """Count one that another process makes for this one."""
         self.at_work += 1
+        self.begun += 1
         try:
             yield
         finally:
@@ -139,6 +141,11 @@ _register("numba:compile", _compilations)
 def compiling() -> bool:
     """Whether this process compiles a kernel just now, or has one compiled."""
     return _compilations.at_work > 0
+
+
+def compilations() -> int:
+    """How many kernels this process has begun to compile, or had compiled."""
+    return _compilations.begun
 
 
 def compiled(**options: Any) -> Callable[[Any], Any]:

@@ -312,7 +312,7 @@ def _unknown(table: BaseModel, key: str) -> str | None:
     inner = getattr(table, name)
     if not below:
         return None
-    return _unknown(inner, below) if isinstance(inner, BaseModel) else f"no key below {name}"
+    return _unknown(inner, below) if isinstance(inner, BaseModel) else f"{name} as a whole"
 
 
 def _with_value(table: AnyTable, key: str, value: Any) -> AnyTable:
@@ -344,8 +344,8 @@ def case_text(case: Case) -> str:
 def write_case(case: Case, path: Path | str) -> None:
     """Write a case file; its editor schema is expected beside it as `case.schema.json`."""
     try:
-        Path(path).write_text(case_text(case), encoding="utf-8")
-    except OSError as error:
+        Path(path).write_bytes(case_text(case).encode())
+    except (OSError, ValueError) as error:
         expected = "a file that can be written, in a folder that is there"
         raise CaseError(sentence(Path(path), "file", why(error), expected)) from None
 

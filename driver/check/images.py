@@ -89,7 +89,7 @@ def _face(case: Case, experiment: Experiment) -> Finding:
             "error",
             "images",
             f"images.pixel_size_nm: found {1e3 * pixel:g}, with which the measured face is "
-            f"{2 * half:.0f} × {length:.0f} px, expected one that fits into {rows} × {columns} px",
+            f"{2 * half:.1f} × {length:.1f} px, expected one that fits into {rows} × {columns} px",
         )
     if top < -0.5 or left < -0.5 or bottom > rows - 0.5 or right > columns - 0.5:
         return Finding(

@@ -13,7 +13,6 @@ from driver.common.formatting import duration
 
 _OVERRUN = 0.2  # of the time that a stage has taken, which it is given beyond what was foreseen
 _SHORT = 1e-3  # of a stage, which a simulation takes that tells nothing of the others
-_TELLING = 2  # simulations that tell how long others take
 _LEAST = 10.0  # s, less of which nobody waits for
 
 
@@ -66,13 +65,12 @@ class Remaining:
     @property
     def factor(self) -> float:
         """Time of simulations over what was foreseen: of a whole stage, else of those so far."""
-        # One simulation alone may have compiled the kernels, for a thousand times as long.
-        if self._factor is not None or len(self._simulations) < _TELLING:
+        if self._factor is not None or not self._simulations:
             return self._factor or 1.0
         taken, foreseen = np.array(self._simulations).T
         ratio = taken / foreseen
         order = np.argsort(ratio)
-        # The weighted median.
+        # The weighted median: one that has waited for a file tells little of the others.
         share = np.cumsum(foreseen[order]) / foreseen.sum()
         return float(ratio[order][np.searchsorted(share, 0.5)])
 

@@ -11,6 +11,7 @@ from time import monotonic
 from driver.common.progress import PASSING
 from driver.common.remaining import simulated
 from solver_adapters.interface import Adapter, Capabilities, Progress, Response, Simulation
+from solver_adapters.kernels import compilations
 
 _READ = 0.01  # share of its time, below which a job was not run
 
@@ -58,12 +59,15 @@ class ProgressAdapter:
             if progress is not None:
                 progress(state)
 
-        began = monotonic()
+        began, compiled = monotonic(), compilations()
         response = self.inner.solve(simulation, workspace, show)
         seconds, foreseen = monotonic() - began, self.foreseen and self.foreseen(simulation)
         # What an interrupted run has kept is only read: in this process nothing is told meanwhile.
         in_process = self.inner.capabilities().in_process
-        if foreseen and (told if in_process else seconds > _READ * foreseen):
+        # One that has compiled kernels took a thousand times as long as the others will.
+        if not foreseen or compilations() > compiled:
+            return response
+        if told if in_process else seconds > _READ * foreseen:
             simulated(seconds, foreseen)
         return response
 

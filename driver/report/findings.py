@@ -319,6 +319,9 @@ def _diagnosis(path: Path) -> Record:
         if entry not in record["numerics"]:
             raise damaged(path, f"no entry {entry} in numerics")
     for step in record["steps"]:
+        refits = [cause["refit"] for cause in step["causes"] if cause["refit"] is not None]
+        if any("corrected" not in refit for refit in refits):
+            raise damaged(path, "no entry corrected in steps.causes.refit")
         if "left_something" not in step:
             raise damaged(path, "no entry left_something in steps")
         for name in OMNIBUS:

@@ -53,6 +53,23 @@ def test_an_entry_of_a_list_is_changed_by_its_number_from_1(folder: Path) -> Non
     assert changed.grains[0] == before.grains[0]
 
 
+def test_a_value_takes_the_place_of_a_whole_table(folder: Path) -> None:
+    freed = prismid.changed(folder, {"extensions": {"tau0_grain2": 1.1}})
+    other = prismid.changed(freed, {"extensions": {"load_gain": 0.01}})
+    assert other.extensions == {"load_gain": 0.01}
+    assert prismid.changed(freed, {"extensions": {}}).extensions == {}
+
+
+def test_angles_that_are_stated_take_the_place_of_a_map(folder: Path) -> None:
+    text = (folder / "case.toml").read_text("utf-8")
+    before = prismid.load_case(folder)
+    (folder / "map.ang").write_text("", encoding="utf-8")
+    mapped = prismid.changed(folder, {"grains.1.ebsd": "map.ang"})
+    assert text and mapped.grains[0].ebsd == "map.ang" and mapped.grains[0].euler_deg is None
+    back = prismid.changed(mapped, {"grains.1.euler_deg": before.grains[0].euler_deg})
+    assert back.grains[0] == before.grains[0]
+
+
 def test_the_folder_of_the_results_is_that_of_a_case_however_it_is_named(folder: Path) -> None:
     results = folder / "results"
     for named in (prismid.load_case(folder), folder, str(folder / "case.toml")):
@@ -63,7 +80,9 @@ def test_the_folder_of_the_results_is_that_of_a_case_however_it_is_named(folder:
     ({"material.tau0": 30.0}, r"case\.toml: material\.tau0: "),
     ({"material.tau0_MPa": -1.0}, r"case\.toml: material\.tau0_MPa: found -1\.0, expected "),
     ({"materials.tau0_MPa": 1.0}, r"materials\.tau0_MPa: found the table materials, expected mat"),
-    ({"grains.3.name": "x"}, r"grains\.3\.name: found the table 3, expected one of 1, 2"),
+    ({"grains.3.name": "x"}, r"grains\.3\.name: found the entry 3 of a list, expected one of its"),
+    ({"material.tau0_MPa.x": 1.0}, r"tau0_MPa\.x: found no table tau0_MPa, expected"),
+    ({"grains.2": {}, "grains.2.name": "x"}, r"grains\.2\.name: found grains\.2 beside it"),
     ({"grains.name": "x"}, r"grains\.name: found the entry name of a list, expected one of"),
 ])  # fmt: skip
 def test_a_change_that_no_file_could_state_is_refused(

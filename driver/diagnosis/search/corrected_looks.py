@@ -177,7 +177,8 @@ def _from_its_start(
             logger.info(_no_further(cause, after))
             break
         settled = done is not None and abs(after.log_evidence - here.log_evidence) < SETTLED
-        here = done = after
+        # The first correction is that where the refit begins.
+        here = done = after if done is not None else replace(after, corrected="at a look")
         if settled:
             break
     if done is not None:

@@ -106,7 +106,7 @@ def finite_step_scores(
     come where something is wrong (the tests reject, or a cause is seen by its derivative or from
     afar), and those that hide but do not here. Each costs two simulations and a finer one for each
     that promises something; one where its parameter is an instrument's; or two for each of its
-    places, and a finer one for each of the two of these that promise most. A refit follows where
+    places, and a finer one for the two of these looks that promise most. A refit follows where
     they promise something beside the best cause so far.
 
     Args:

@@ -242,8 +242,8 @@ def test_values_are_read_and_changed_at_dotted_keys() -> None:
     [
         ("material.Tau0_MPa", "tau0_MPa"),
         ("materials.tau0_MPa", "material"),
-        ("material.tau0_MPa.x", "no key below tau0_MPa"),
-        ("grains.2.euler_deg", "no key below grains"),
+        ("material.tau0_MPa.x", "tau0_MPa as a whole"),
+        ("grains.2.euler_deg", "grains as a whole"),
     ],
 )
 def test_a_value_at_a_key_that_there_is_not_is_refused(key: str, expected: str) -> None:

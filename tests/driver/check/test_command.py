@@ -138,7 +138,7 @@ def test_the_trace_of_the_grain_boundary_lies_on_its_plane() -> None:
          "images.origin_pixel: found the measured face at rows 17.3 … 53.7, columns 60.0 … 169.1, "
          "expected it inside 72 × 152 px"),
         ("pixel_size_nm = 110.0", "pixel_size_nm = 0.11",
-         "images.pixel_size_nm: found 0.11, with which the measured face is 36364 × 109091 px, "
+         "images.pixel_size_nm: found 0.11, with which the measured face is 36363.6 × 109090.9 px, "
          "expected one that fits into 72 × 152 px"),
         ('strain_measure = "small"', 'strain_measure = "finite"',
          'material.strain_measure: found "finite", expected one that bundled offers: small'),

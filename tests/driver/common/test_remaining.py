@@ -34,16 +34,6 @@ def test_simulations_that_take_longer_renew_what_all_of_them_take() -> None:
     assert left.factor == 3.0 and left.seconds(62.0) == 300.0 - 62.0 + 900.0
 
 
-def test_one_simulation_that_has_compiled_kernels_tells_nothing_of_the_others() -> None:
-    left = run()
-    left.begin("identify", 0.0)
-    before = left.seconds(50.0)
-    left.simulated(50.0, 0.5)
-    assert left.seconds(50.0) == before
-    left.simulated(1.0, 0.5)
-    assert left.factor == 2.0
-
-
 def test_a_stage_that_has_ended_counts_more_than_its_simulations() -> None:
     left = run()
     left.foreseen.pop("measure")
@@ -69,7 +59,6 @@ def test_it_is_told_of_the_run_alone_and_not_of_its_last_seconds(
         assert left_of_run() == "about 5.0 min left of the run"
         with at_work("identify"):
             assert left_of_run() == "about 3.3 min left of the run"
-            simulated(8.0, 2.0)
             simulated(8.0, 2.0)
             assert left_of_run() == "about 18.3 min left of the run"
         assert left_of_run() != ""

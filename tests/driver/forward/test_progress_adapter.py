@@ -4,7 +4,9 @@ import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numba
 import pytest
 
 from driver.common.progress import progress_to
@@ -80,11 +82,35 @@ def constant(seconds: float) -> Callable[[Simulation], float]:
 def test_a_run_renews_what_is_left_and_a_kept_response_does_not(tmp_path: Path) -> None:
     """However long it takes to read: of many derivatives it takes a while."""
     simulation = pulled(box(), Material(strain_measure="small"), (0.001, 0.002))
+    BundledAdapter().solve(simulation)  # which may compile kernels
     solver = ProgressAdapter(KeptResponses(BundledAdapter(), tmp_path), constant(1e-3))
     for runs in (True, False):
         with foretold({"identify": 1.0}, ("identify",)) as remaining:
             solver.solve(simulation)
             assert (remaining.factor != 1.0) == runs
+
+
+class Compiling(BundledAdapter):
+    """A solver whose first simulation compiles a kernel."""
+
+    compiled = False
+
+    def solve(self, simulation: Simulation, *rest: Any, **more: Any) -> Response:
+        if not self.compiled:
+            self.compiled = True
+            numba.njit(lambda x: x + 1.0)(1.0)
+        return super().solve(simulation, *rest, **more)
+
+
+def test_a_run_that_has_compiled_kernels_tells_nothing_of_the_others() -> None:
+    simulation = pulled(box(), Material(strain_measure="small"), (0.001, 0.002))
+    BundledAdapter().solve(simulation)
+    solver = ProgressAdapter(Compiling(), constant(1e-3))
+    with foretold({"identify": 1.0}, ("identify",)) as remaining:
+        solver.solve(simulation)
+        assert remaining.factor == 1.0
+        solver.solve(simulation)
+        assert remaining.factor != 1.0
 
 
 @pytest.mark.parametrize(("foreseen", "counts"), [(1e-3, True), (1e6, False)])

@@ -14,6 +14,7 @@ from driver.case.model import load_case, write_case
 from driver.case.specimen import Specimen
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.causes.ebsd_flips import FLIPS
+from driver.report.all_figures import draw
 from driver.report.findings import FILES, Record, read_findings
 from driver.report.first_screen import first_screen_identified
 from driver.report.labels import cause_label
@@ -454,6 +455,7 @@ def test_results_of_another_version_are_refused_with_what_to_do(
         "together_p",
         "smooth_p",
         "left_something",
+        "corrected",
         "off_by_mesh",
         "between_meshes",
         "fitted_anew",
@@ -466,11 +468,26 @@ def test_a_verdict_of_an_earlier_version_is_refused_with_what_to_do(
 ) -> None:
     found = json.loads((results.results / "diagnosis.json").read_text("utf-8"))
     steps, numerics = found["steps"], found["numerics"]
-    for entries in (steps[1], steps[1]["omnibus"], numerics):
+    refits = [one["refit"] for step in steps for one in step["causes"] if one["refit"]]
+    for entries in (steps[1], steps[1]["omnibus"], numerics, *refits):
         entries.pop(missing, None)
     results.edit_diagnosis(steps=steps, numerics=numerics)
     with pytest.raises(ResultError, match=f"found no entry {missing}.*the stage diagnose alone"):
         run_report(results.context(tmp_path / "work"))
+
+
+def test_refits_that_were_corrected_less_are_outlined_in_the_figure_of_their_round(
+    results: Results,
+) -> None:
+    steps = json.loads((results.results / "diagnosis.json").read_text("utf-8"))["steps"]
+    first = steps[0]
+    less = [one for one in first["causes"] if one["refit"] and one["cause"] != first["named"][0]]
+    for one in less:
+        one["refit"]["corrected"] = "at the baseline"
+    results.edit_diagnosis(steps=steps)
+    figure = dict(draw(results.findings()))["evidence_1"]
+    outlined = [bar for bar in figure.axes[0].patches if not bar.get_fill()]
+    assert len(outlined) == len(less) > 0
 
 
 def test_what_was_not_examined_and_the_loads_left_out_stand_beside_the_evidence(

@@ -137,6 +137,9 @@ def test_what_steps_of_first_order_leave_is_not_simulated_again_for_a_second_mes
     objective = replace(OBJECTIVE, model=working, correction=first)
     found = added_by_second(second, None, objective, at)
     assert adapter.runs == 0
+    # The first mesh of two tells what steps leave.
+    FineModels(one, lambda: second).corrections(objective, at, True, Executor(1, 1))
+    assert adapter.runs == 1
     assert isinstance(found, SecondMesh)
     (motion, load), (first_motion, first_load) = other.of_mesh, first.of_mesh
     np.testing.assert_allclose(found.difference.load, load - first_load, atol=1e-9)

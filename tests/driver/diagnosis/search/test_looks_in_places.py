@@ -215,7 +215,7 @@ def test_a_correction_that_fails_leaves_what_was_seen_and_fitted_before(
     with collected_lines() as lines:
         found = look(hidden, accepted=False)
     assert any("no further correction, for that failed (no solution)" in line for line in lines)
-    assert len(found.refits) == failing - 1
+    assert [refit.corrected for refit in found.refits] == ["at a look"] * (failing - 1)
     if failing == 1:
         # A place alone has neither the evidence nor the size of its refit.
         assert score_of(found.scores, "band_grain2").p >= NAMING_LEVEL

@@ -14,6 +14,7 @@ from driver.diagnosis.search import candidate_selection, selection_round
 from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.finite_step_score import FiniteStepScores
+from driver.diagnosis.search.flip_trial import FlipTrial
 from driver.diagnosis.search.refit import Executor
 from driver.diagnosis.search.selection_round import WITHIN, examine, set_of
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score
@@ -99,6 +100,33 @@ def test_what_only_a_look_shows_is_held_against_the_second_mesh(lines: list[str]
         found = examine(baseline, objective, (), TILT, NO_STOPS, None, meshes)
     assert lines.count("the same on a second mesh") == 1
     assert found.objective.second is not None and found.round_.lost is not None
+
+
+def test_a_flip_has_to_promise_half_of_what_refits_under_the_correction_of_the_baseline_gain() -> (
+    None
+):
+    """What has a correction of its own is no measure."""
+    objective, baseline = tilting()
+    found = examine(baseline, objective, (), TILT, NO_STOPS, None, FINER)
+    (refit,) = found.round_.refits
+    off = baseline.best
+    lower = replace(refit.fit.best, residual=0.5 * refit.fit.best.residual)
+    own = replace(refit, fit=replace(refit.fit, best=lower), corrected="at its end")
+    asked: list[float] = []
+
+    def tried(*given: Any) -> FlipTrial:
+        asked.append(given[-1])
+        return FlipTrial()
+
+    with (
+        patch.object(selection_round, "try_flips", tried),
+        patch.object(selection_round, "LARGE", 0.0),
+    ):
+        for refits in ([refit], [own, refit]):
+            selection_round._flips(
+                refits, found.round_.goodness_of_fit, off, objective, (), None, Executor(1, 1)
+            )
+    assert asked[0] == asked[1] == pytest.approx(0.5 * (off.cost + refit.fit.best.cost))
 
 
 ALONG = {"a": (1.0, 0.0, 0.0), "b": (0.0, 1.0, 0.0), "like b": (0.0, 0.999, 0.04), "c": (0, 0, 1.0)}
