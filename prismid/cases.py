@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from driver.case import model
-from driver.case.grains import GIVES_WAY
+from driver.case.changes import without_what_gives_way
 from driver.case.messages import sentences
 from driver.case.model import CASE_FILE, Case, CaseError
 from driver.common.errors import InputError, one_of, sentence
@@ -61,7 +61,7 @@ def changed(case: CaseLike, values: Mapping[str, Any]) -> Case:
         30.0
     """
     before = read(case)
-    data = before.model_dump(mode="json")
+    data, of_grains = before.model_dump(mode="json"), dict[str, dict[str, Any]]()
     for key, value in values.items():
         inside = [other for other in values if other.startswith(f"{key}.")]
         if inside:
@@ -77,9 +77,9 @@ def changed(case: CaseLike, values: Mapping[str, Any]) -> Case:
             raise CaseError(sentence(before.file, key, f"no table {tables[-1]}", "the key of one"))
         table[last] = value
         if tables[:1] == ["grains"]:
-            for other in GIVES_WAY.get(last, ()):
-                if ".".join((*tables, other)) not in values:
-                    table.pop(other, None)
+            of_grains.setdefault(tables[1], {})[last] = value
+    if of_grains:
+        without_what_gives_way(data["grains"], of_grains)
     try:
         return Case.model_validate(data, context={"file": before.file})
     except ValidationError as error:

@@ -28,7 +28,7 @@ def changed_case(case: Case, change: Mapping[str, Any], path: Path, name: str) -
         InputError: a key is unknown or out of range.
     """
     whole = case.model_dump(mode="json")
-    _without_what_gives_way(whole["grains"], change.get("grains"))
+    without_what_gives_way(whole["grains"], change.get("grains"))
     try:
         data = merged(whole, dict(change))
     except KeyError as error:
@@ -42,8 +42,13 @@ def changed_case(case: Case, change: Mapping[str, Any], path: Path, name: str) -
         raise InputError(sentences(path, Case, data, error)) from None
 
 
-def _without_what_gives_way(grains: list[dict[str, Any]], change: Any) -> None:
-    """Leave out the map of a grain whose angles are stated anew, and the other way round."""
+def without_what_gives_way(grains: list[dict[str, Any]], change: Any) -> None:
+    """Leave out the map of a grain whose angles are stated anew, and the other way round.
+
+    Args:
+        grains: tables of the grains, which are changed.
+        change: the keys that are stated anew, by the number of the grain from 1.
+    """
     if not isinstance(change, dict):
         return
     for number, grain in enumerate(grains, start=1):

@@ -55,11 +55,13 @@ def evidence(
     low, high = _window(behind, winner)
     for place, category in enumerate(categories):
         colour, cut_off = CATEGORIES[category], behind[place] < low
-        alpha = _FAINT if cut_off else _PALE if np.isnan(refit[place]) else 1.0
+        outlined = place in less_corrected
+        faint = _PALE if outlined else _FAINT  # of an outline less would be nothing
+        alpha = faint if cut_off else _PALE if np.isnan(refit[place]) else 1.0
         axis.barh(place, max(behind[place], low), height=0.72, color=colour, alpha=alpha,
                   edgecolor=MEASURED if place == winner else colour,
                   lw=2.0 if place == winner else 0.6,
-                  fill=place not in less_corrected)  # fmt: skip
+                  fill=not outlined)  # fmt: skip
         if cut_off:
             axis.plot(low, place, "<", ms=6, color=MEASURED, clip_on=False)
         text = signed_evidence(best[place])

@@ -15,11 +15,13 @@ from driver.diagnosis.search.diagnose import diagnose
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor
 from driver.diagnosis.search.second_mesh_check import OnBoth, held_against_both, with_both
-from driver.diagnosis.statistics.score_test import effects_of
+from driver.diagnosis.statistics.score_test import Score, effects_of
 from driver.diagnosis.statistics.screening import screen, screened
 from driver.forward.build import build_model, geometry_of
 from driver.forward.model import ForwardModel
 from driver.identification.correction import Correction, SecondMesh, correction
+from driver.identification.fit import Fit
+from driver.identification.objective import Objective
 from meshes.arrays import FloatArray
 from meshes.prism import generate
 from solver_adapters.interface import PreparedError, Simulation, SolverError
@@ -154,16 +156,21 @@ def test_what_the_derivatives_show_is_held_against_a_second_mesh_before_looks_fr
         assert [t for line in first for t in (look, other) if line.startswith(t)] == expected
 
 
-def test_what_no_mesh_moves_is_as_significant_as_before(
-    lines: list[str],
-) -> None:
-    """By the number of tries that its own p counts: looks from afar have more than causes."""
+def drifting() -> tuple[Objective, Fit, list[Score], float]:
+    """A fit to data whose tilt drifts, the scores of its causes, and the variance of these."""
     made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": DRIFT})
     objective, here = identified(BENCH, made)
     candidates, names = screened(objective.model, here.best.free, WANTED.wanted)
     augmented = objective.evaluate(here.values, names)
     effects = effects_of(candidates, augmented, objective.parameters)
-    (one, *rest), widened = screen(here, objective, candidates, effects, SETTINGS.sizes)
+    return objective, here, *screen(here, objective, candidates, effects, SETTINGS.sizes)
+
+
+def test_what_no_mesh_moves_is_as_significant_as_before(
+    lines: list[str],
+) -> None:
+    """By the number of tries that its own p counts: looks from afar have more than causes."""
+    objective, here, (one, *rest), widened = drifting()
     looked = replace(one, family=4 * one.family, p=4 * one.p)
     found = held_against_both(
         FineModels(FINE, lambda: FINE), here, objective, [looked, *rest], True, widened,
@@ -183,11 +190,7 @@ class FarErringMesh(ErringMesh):
 def test_a_one_sided_cause_that_the_second_mesh_moves_below_its_null_is_gone(
     lines: list[str],
 ) -> None:
-    made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": DRIFT})
-    objective, here = identified(BENCH, made)
-    candidates, names = screened(objective.model, here.best.free, WANTED.wanted)
-    effects = effects_of(candidates, objective.evaluate(here.values, names), objective.parameters)
-    (one, *_), widened = screen(here, objective, candidates, effects, SETTINGS.sizes)
+    objective, here, (one, *_), widened = drifting()
     sign = np.sign(one.components)
     rising = replace(
         one, cause=replace(one.cause, one_sided=True),
@@ -270,11 +273,7 @@ def test_what_the_mean_of_two_near_meshes_takes_away_is_nothing_and_less_is_visi
 
 
 def test_of_what_two_meshes_take_away_the_one_that_they_move_most_is_told() -> None:
-    made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": DRIFT})
-    objective, here = identified(BENCH, made)
-    candidates, names = screened(objective.model, here.best.free, WANTED.wanted)
-    effects = effects_of(candidates, objective.evaluate(here.values, names), objective.parameters)
-    (one, *_), widened = screen(here, objective, candidates, effects, SETTINGS.sizes)
+    objective, here, (one, *_), widened = drifting()
     (drift,) = (cause for cause in LIBRARY if cause.name == "load_drift")
     little = replace(
         one, cause=drift, components=0.3 * one.components, directions=0.3 * one.directions, p=1e-4
