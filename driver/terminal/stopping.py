@@ -3,6 +3,8 @@
 Python raises an error for a signal in whatever code is at work. Where that code is called back by C
 or by the garbage collector, Python tells of the error and goes on, and a library may catch it: a
 stop that was asked for is therefore remembered, and raised again until it has ended the program.
+Where a condition is about to be entered or left the error would leave its lock taken for ever, and
+whatever thread wants it next would wait for ever: it is raised soon after.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import _base
 from contextlib import contextmanager
 from dataclasses import dataclass
 from time import sleep
@@ -29,6 +32,12 @@ _SIGNALS = {
     signal.SIGHUP: signal.SIG_DFL,
 }
 """Signals that stop the program, with their usual handlers: nohup, say, has others."""
+_LOCKING = frozenset(
+    getattr(kind, name).__code__
+    for kind in (threading.Condition, _base._AcquireFutures)
+    for name in ("__enter__", "__exit__")
+)
+"""Code that takes locks and gives them back: an error raised there leaves them taken."""
 _SOON = 0.05  # s after which a stop that came to nothing is raised again
 _AGAIN = 10.0  # s after which a process that was asked to end is asked once more
 _TOLD = "stopped; finished stages are kept, run again to go on"
@@ -80,12 +89,14 @@ def _heard(stop: _Asked) -> Iterator[None]:
 
     def raise_it(number: int, frame: FrameType | None) -> None:
         stop.asked = True
-        raise KeyboardInterrupt
+        if frame is not None and frame.f_code in _LOCKING:
+            _raise_soon()
+        else:
+            raise KeyboardInterrupt
 
     def ignored(lost: Any) -> None:
         if issubclass(lost.exc_type, KeyboardInterrupt):
-            # Not from here: it would be lost, too.
-            threading.Thread(target=_raise_soon, daemon=True).start()
+            _raise_soon()  # not from here: it would be lost, too
         else:
             usual(lost)
 
@@ -105,6 +116,10 @@ def _heard(stop: _Asked) -> Iterator[None]:
 
 
 def _raise_soon() -> None:
+    threading.Thread(target=_raise_again, daemon=True).start()
+
+
+def _raise_again() -> None:
     sleep(_SOON)
     if _STOP.asked:
         signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
