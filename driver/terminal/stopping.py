@@ -45,9 +45,10 @@ _TOLD = "stopped; finished stages are kept, run again to go on"
 
 @dataclass
 class _Asked:
-    """Whether a stop was asked for."""
+    """Whether a stop was asked for, and by which signal last."""
 
     asked: bool = False
+    number: int = signal.SIGTERM
 
 
 _STOP = _Asked()
@@ -88,7 +89,7 @@ def _heard(stop: _Asked) -> Iterator[None]:
     """Raise KeyboardInterrupt inside for each signal, and again where that came to nothing."""
 
     def raise_it(number: int, frame: FrameType | None) -> None:
-        stop.asked = True
+        stop.asked, stop.number = True, number
         if frame is not None and frame.f_code in _LOCKING:
             _raise_soon()
         else:
@@ -122,7 +123,8 @@ def _raise_soon() -> None:
 def _raise_again() -> None:
     sleep(_SOON)
     if _STOP.asked:
-        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
+        # By the same signal: whoever started the program may have it ignore the others.
+        signal.pthread_kill(threading.main_thread().ident or 0, _STOP.number)
 
 
 def stop_at_end_of_input() -> None:

@@ -56,7 +56,22 @@ def test_a_stop_leaves_no_lock_taken_and_ends_what_goes_on(made: Callable[[Any],
     with pytest.raises(typer.Exit) as ended, stoppable():
         with made(lock):
             assert lock.locked()
-        sleep(60.0)
+        sleep(5.0)
         went_on = True
     assert ended.value.exit_code == STOPPED
     assert not lock.locked() and not went_on
+
+
+def test_a_stop_that_waits_for_a_lock_comes_where_other_signals_are_ignored() -> None:
+    """As below a shell that traps SIGTERM, say."""
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    went_on = False
+    try:
+        with pytest.raises(typer.Exit), stoppable():
+            with _condition_entered(Lock()):
+                pass
+            sleep(5.0)
+            went_on = True
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert not went_on
