@@ -119,6 +119,19 @@ class Case(Table):
             expected = f"one table [[grains]], or {count - 1} tables [[specimen.boundaries]]"
         raise refusal(expected, "grains", f"{count} of them")
 
+    @model_validator(mode="after")
+    def _grains_of_different_names(self) -> Self:
+        names = [grain.name for grain in self.grains]
+        for number, name in enumerate(names, 1):
+            if name in names[: number - 1]:
+                first = 1 + names.index(name)
+                raise refusal(
+                    f"a name of its own, for grains.{first} has it",
+                    f"grains.{number}.name",
+                    f'"{name}"',
+                )
+        return self
+
     @property
     def labelled_by_map(self) -> bool:
         """Whether the grains lie as in an EBSD map, in which each is picked."""

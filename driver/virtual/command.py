@@ -80,7 +80,8 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
         f"{case.solver.steps_per_interval} and {case.solver.fine_steps_per_interval}; "
         f"{history.n_images} images, {cost_told(seconds, memory)}"
     )
-    course = pull(truth, history, hidden, steps, tenths("  truth: "))
+    told = (tenths("  truth: "), tenths("  truth on larger cells: "))
+    course = pull(truth, history, hidden, steps, *told)
     with whole_or_none(folder) as aside:
         record(aside, read_from(case, folder), course, seed, settings)
     run = f"`prismid run {quote(str(folder))}`"

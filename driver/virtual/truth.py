@@ -96,6 +96,7 @@ def pull(
     hidden: Mapping[str, float],
     cell_slip: bool = False,
     progress: Callable[[Progress], None] | None = None,
+    progress_of_larger: Callable[[Progress], None] | None = None,
 ) -> Course:
     """Simulate a test; on hexahedra it is extrapolated to cells of no size.
 
@@ -106,6 +107,7 @@ def pull(
             are at their null, the law and λ's as in the case.
         cell_slip: whether slip is wanted for slip steps.
         progress: called as the run advances.
+        progress_of_larger: called as that on the larger cells advances, which follows.
 
     Raises:
         InputError: a parameter is unknown or out of its bounds, or the solver lacks slips.
@@ -127,7 +129,7 @@ def pull(
     coarser, _ = true_model(larger, history, adapter, hidden)
     pair = extrapolated_with(model, coarser).extrapolation
     assert pair is not None
-    less = seen_course(coarser, coarser.simulation(values), history, values, progress)
+    less = seen_course(coarser, coarser.simulation(values), history, values, progress_of_larger)
     return replace(
         course,
         motion=pair.motion(course.motion, less.motion),

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from driver.forward.build import adapter_of
 from driver.virtual.truth import coarser_size, pull, seen_course, true_model
+from solver_adapters.interface import Progress
 from tools import mesh_reference
 from tools.converged_truth import DENSEST, REFERENCE, stage_history, true_case
 from tools.short_specimen import true_knots
@@ -18,13 +21,23 @@ def test_a_truth_on_hexahedra_is_extrapolated_towards_the_converged_one() -> Non
     converged = mesh_reference.read(REFERENCE).load.mean(axis=0)[::DENSEST]
     model, values = true_model(truth, history, adapter_of(truth), true_knots(history))
     plain = seen_course(model, model.simulation(values), history, values)
-    course = pull(truth, history, true_knots(history))
+    told: dict[str, list[float]] = {"fine": [], "larger": []}
+
+    def tell(which: str) -> Callable[[Progress], None]:
+        return lambda progress: told[which].append(progress.time / progress.end)
+
+    hidden = true_knots(history)
+    course = pull(truth, history, hidden, False, tell("fine"), tell("larger"))
     off, before = (np.linalg.norm(load - converged) for load in (course.load, plain.load))
     assert off < 0.6 * before
     assert course.face.points.shape == plain.face.points.shape
     # On the ends, which are moved alike, nothing is extrapolated.
     ends = np.isclose(plain.face.points[:, 1] % truth.specimen.length, 0.0)
     np.testing.assert_allclose(course.motion[:, ends, 1], plain.motion[:, ends, 1], atol=1e-8)
+
+    # Each of the two simulations tells its own progress, once to its end.
+    for shares in told.values():
+        assert shares == sorted(shares) and shares[-1] == 1.0
 
 
 def test_a_truth_on_tetrahedra_is_as_it_is() -> None:
