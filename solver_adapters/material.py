@@ -8,7 +8,16 @@ from math import inf
 from typing import Any, Literal
 
 from solver_adapters.crystal import BCC, BCC48, SystemTable
-from solver_adapters.later_grains import SECOND, later_grain, ratio_name, ratio_of
+from solver_adapters.later_grains import (
+    INSIDE_NULL,
+    MODE_SHAPES,
+    band_names,
+    inside_names,
+    later_grain,
+    mode_names,
+    of_later_grain,
+    ratio_name,
+)
 from solver_adapters.parameter import (
     FINITE,
     GIGAPASCALS,
@@ -84,6 +93,8 @@ class Material:
             where the band is not 0, or sought.
         tau0_grain2_band, tau0_grain2_band_middle, tau0_grain2_band_half_width: the same of the
             second.
+        tau0_grains_inside: the same six of each of the third and later grains, slope_Y, bend_Y,
+            slope_X, band, band_middle, band_half_width; their nulls for those not named.
         elastic_scale: factor on all elastic constants [-], null 1.
         C44_scale: factor on C44 alone [-], null 1.
         strain_measure: "small" or "finite".
@@ -127,6 +138,7 @@ class Material:
     tau0_grain2_band: float = 0.0
     tau0_grain2_band_middle: float = 0.0
     tau0_grain2_band_half_width: float = 0.25
+    tau0_grains_inside: tuple[tuple[float, ...], ...] = ()
     elastic_scale: float = 1.0
     C44_scale: float = 1.0
     strain_measure: StrainMeasure = "finite"
@@ -137,23 +149,13 @@ MATERIAL_PARAMETERS: tuple[str, ...] = tuple(
 )
 """Names of the scalars of the law."""
 
-_SHAPES = {
-    "slope_Y": "slope of ln τ₀ along Y", "bend_Y": "bend of ln τ₀ along Y",
-    "slope_X": "slope of ln τ₀ along X",
-}  # fmt: skip
-TAU0_MODES: tuple[tuple[str, ...], ...] = tuple(
-    tuple(f"tau0_grain{grain}_{shape}" for shape in _SHAPES) for grain in (1, 2)
-)
+TAU0_MODES: tuple[tuple[str, ...], ...] = tuple(map(mode_names, (1, 2)))
 """Names of the modes of ln τ₀ inside each of the first two grains."""
-TAU0_BANDS: tuple[tuple[str, str, str], ...] = tuple(
-    (
-        f"tau0_grain{grain}_band",
-        f"tau0_grain{grain}_band_middle",
-        f"tau0_grain{grain}_band_half_width",
-    )
-    for grain in (1, 2)
-)
+TAU0_BANDS: tuple[tuple[str, str, str], ...] = tuple(map(band_names, (1, 2)))
 """Names of the band across each of them: its height, its middle, half of its width."""
+_SHAPES = tuple(
+    f"{form} of ln τ₀ along {axis}" for form, axis in (shape.split("_") for shape in MODE_SHAPES)
+)
 _OF_CRYSTALS: dict[str, tuple[SystemTable, ...]] = {
     **dict.fromkeys(("tau0_112", "tau0_antitwinning", "a1"), (BCC, BCC48)),
     "tau0_123": (BCC48,),
@@ -165,17 +167,25 @@ def of_other_crystals(table: SystemTable) -> frozenset[str]:
     return frozenset(name for name, have in _OF_CRYSTALS.items() if table not in have)
 
 
-OF_SECOND_GRAIN = frozenset({"tau0_grain2", *TAU0_MODES[1], *TAU0_BANDS[1]})
+OF_SECOND_GRAIN = frozenset({ratio_name(2), *inside_names(2)})
 """Scalars of the law that act on nothing in a single grain."""
+# Behind each of these the same of the later grains is declared.
+_LAST_OF_SECOND = (ratio_name(2), TAU0_MODES[1][-1], TAU0_BANDS[1][-1])
 
 
 def scalar(material: Material, name: str) -> float:
-    """Return a scalar of the law by its name, or by that of the ratio of a later grain."""
+    """Return a scalar of the law by its name, those of later grains among them."""
     grain = later_grain(name)
     if grain is None:
         return float(getattr(material, name))
-    stated = material.tau0_grains[grain - 3 : grain - 2]
-    return stated[0] if stated else 1.0
+    return _of_later_grain(material, grain)[name]
+
+
+def _of_later_grain(material: Material, grain: int) -> dict[str, float]:
+    """Return the scalars of a later grain by name."""
+    (ratio,) = material.tau0_grains[grain - 3 : grain - 2] or (1.0,)
+    (inside,) = material.tau0_grains_inside[grain - 3 : grain - 2] or (INSIDE_NULL,)
+    return {ratio_name(grain): ratio, **dict(zip(inside_names(grain), inside, strict=True))}
 
 
 def with_parameters(material: Material, values: Mapping[str, float]) -> Material:
@@ -183,12 +193,21 @@ def with_parameters(material: Material, values: Mapping[str, float]) -> Material
     changes: dict[str, Any] = {name: values[name] for name in MATERIAL_PARAMETERS if name in values}
     later = [grain for grain in map(later_grain, values) if grain is not None]
     if later:
-        names = map(ratio_name, range(3, max(*later, 2 + len(material.tau0_grains)) + 1))
-        ratios = [values.get(name, scalar(material, name)) for name in names]
-        while ratios and ratios[-1] == 1.0:  # what changes nothing changes no key of a job
-            ratios.pop()
-        changes["tau0_grains"] = tuple(ratios)
+        stated = max(len(material.tau0_grains), len(material.tau0_grains_inside))
+        rows = [
+            [values.get(name, value) for name, value in _of_later_grain(material, grain).items()]
+            for grain in range(3, max(*later, 2 + stated) + 1)
+        ]
+        changes["tau0_grains"] = _stated([ratio for ratio, *_ in rows], 1.0)
+        changes["tau0_grains_inside"] = _stated([tuple(row[1:]) for row in rows], INSIDE_NULL)
     return replace(material, **changes)
+
+
+def _stated(of_grains: list[Any], null: Any) -> tuple[Any, ...]:
+    """Return what is stated of later grains up to the last null: it changes no key of a job."""
+    while of_grains and of_grains[-1] == null:
+        of_grains.pop()
+    return tuple(of_grains)
 
 
 LEAST_EXPONENT = 1.5
@@ -238,12 +257,19 @@ def declarations_at(material: Material, n_grains: int = 2) -> tuple[Parameter, .
     scale of c2 is that of a saturated stress c2/d2 of 10 MPa, and the second back stress is
     the slow one, d2 at most d/10 (or what the case says). The rates b and d2 may be 0 in a
     simulation, but not where a diagnosis begins that frees them by their logarithm. A specimen of
-    more than two grains has the ratios of the later ones behind that of the second.
+    more than two grains has those of the later ones behind those of the second, of the ratio, of
+    the modes and of the band.
     """
-    declared = _of_two_grains(material)
-    place = [parameter.name for parameter in declared].index(SECOND) + 1
-    later = (ratio_of(declared[place - 1], grain) for grain in range(3, n_grains + 1))
-    return (*declared[:place], *later, *declared[place:])
+    declared: list[Parameter] = []
+    waiting: list[Parameter] = []
+    for parameter in _of_two_grains(material):
+        declared.append(parameter)
+        waiting += [parameter] if parameter.name in OF_SECOND_GRAIN else []
+        if parameter.name in _LAST_OF_SECOND:
+            later = range(3, n_grains + 1)
+            declared += [of_later_grain(second, grain) for grain in later for second in waiting]
+            waiting = []
+    return tuple(declared)
 
 
 def _of_two_grains(material: Material) -> tuple[Parameter, ...]:
@@ -335,7 +361,7 @@ def _of_two_grains(material: Material) -> tuple[Parameter, ...]:
                 key=f"material.{name}",
             )
             for grain, names in enumerate(TAU0_MODES, start=1)
-            for name, shape in zip(names, _SHAPES.values(), strict=True)
+            for name, shape in zip(names, _SHAPES, strict=True)
         ),
         *(
             parameter

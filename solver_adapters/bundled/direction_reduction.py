@@ -12,7 +12,8 @@ import numpy as np
 
 from meshes.arrays import FloatArray
 from solver_adapters.interface import Direction, Response, Simulation
-from solver_adapters.material import TAU0_BANDS, Material
+from solver_adapters.later_grains import band_names
+from solver_adapters.material import Material, scalar
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +44,10 @@ def reduced_directions(simulation: Simulation) -> ReducedDirections:
     """Leave out the directions that follow from others or have no effect."""
     asked, material = simulation.directions, simulation.material
     turns = [direction for direction in asked if _only_turns(direction)]
-    units = _unit_turns(simulation.mesh.n_grains)
+    n_grains = simulation.mesh.n_grains
+    units = _unit_turns(n_grains)
     replaced = turns if len(turns) > len(units) else []
-    carried = [d for d in asked if d not in replaced and not _is_null(d, material)]
+    carried = [d for d in asked if d not in replaced and not _is_null(d, material, n_grains)]
     shares = np.zeros((len(asked), len(carried)))
     for row, direction in enumerate(asked):
         if direction in carried:
@@ -75,7 +77,7 @@ def _unit_turns(n_grains: int) -> list[Direction]:
     return [Direction(f"turn {k}", rotation=turn) for k, turn in enumerate(turns)]
 
 
-def _is_null(direction: Direction, material: Material) -> bool:
+def _is_null(direction: Direction, material: Material, n_grains: int) -> bool:
     """Whether a direction changes nothing but constants that have no effect."""
     idle = set()
     if material.Q == 0.0:
@@ -86,8 +88,8 @@ def _is_null(direction: Direction, material: Material) -> bool:
         idle.add("d2")
     if material.skin_tau0 == 1.0:
         idle.add("skin_thickness")
-    for height, middle, half_width in TAU0_BANDS:
-        if getattr(material, height) == 0.0:
+    for height, middle, half_width in map(band_names, range(1, max(n_grains, 2) + 1)):
+        if scalar(material, height) == 0.0:
             idle |= {middle, half_width}
     others = (
         direction.rotation, direction.lattice_gradient, direction.motion, direction.points,

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 
 from solver_adapters.interface import Capabilities, Simulation, UnsupportedError
+from solver_adapters.later_grains import band_names, mode_names
 from solver_adapters.material import TAU0_BANDS, Material
 
 BASE = frozenset(
@@ -23,8 +24,12 @@ its height; strain measures are capabilities of their own.
 
 # Terms of the law that are switched on by a value other than the default, their null.
 _TERMS = tuple(field.name for field in fields(Material) if field.name not in BASE)
-# Who honours the scalar honours what is like it and not a scalar.
-_LIKE = {"tau0_grains": "tau0_grain2", "interaction": "h_latent"}
+# Who honours the scalars honours what is like them and not a scalar.
+_LIKE = {
+    "tau0_grains": ("tau0_grain2",),
+    "tau0_grains_inside": (*mode_names(2), band_names(2)[0]),
+    "interaction": ("h_latent",),
+}
 
 
 @dataclass(frozen=True)
@@ -109,7 +114,7 @@ def _wishes(simulation: Simulation) -> Iterator[_Wish]:
 
 
 def _material(name: str) -> Callable[[Capabilities], bool]:
-    return lambda c: name in c.material or _LIKE.get(name) in c.material
+    return lambda c: c.material.issuperset(_LIKE.get(name, (name,)))
 
 
 def _shown(value: object) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from solver_adapters.checks.arrays import expect_finite, expect_number, expect_shape
 from solver_adapters.interface import BadSimulationError, Direction, Simulation, UnsupportedError
-from solver_adapters.later_grains import ratio_name
+from solver_adapters.later_grains import later_names
 from solver_adapters.material import MATERIAL_PARAMETERS
 
 
@@ -23,7 +23,7 @@ def refuse_bad_directions(simulation: Simulation) -> None:
     n_grains = simulation.mesh.n_grains
     grains, scalars = (
         (n_grains, 3),
-        (*MATERIAL_PARAMETERS, *map(ratio_name, range(3, n_grains + 1))),
+        (*MATERIAL_PARAMETERS, *later_names(n_grains)),
     )
     shapes: dict[str, tuple[int, ...]] = {
         "rotation": grains,

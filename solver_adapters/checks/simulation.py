@@ -27,6 +27,7 @@ from solver_adapters.interface import (
     Simulation,
     UnsupportedError,
 )
+from solver_adapters.later_grains import INSIDE_NULL, as_honoured, inside_names
 from solver_adapters.material import (
     LATENT,
     LEAST_EXPONENT,
@@ -53,7 +54,7 @@ def refuse_bad_simulation(simulation: Simulation) -> None:
     refuse_bad_material(simulation.material)
     refuse_bad_mesh(simulation.mesh)
     _refuse_bad_crystals(simulation)
-    _refuse_ratios_of_no_grain(simulation)
+    _refuse_scalars_of_no_grain(simulation)
     refuse_yielding_eigenstrain(simulation)
     _refuse_bad_times(simulation)
     refuse_bad_motion(simulation)
@@ -86,6 +87,7 @@ def refuse_bad_material(m: Material) -> None:
         expect_number("tau0_grains", ratio)
         if not POSITIVE.holds(ratio):
             raise UnsupportedError(f"tau0_grains holds {ratio:g}; expected positive numbers")
+    _refuse_bad_inside(m)
     fault = table_fault(m.slip_systems)
     if fault is not None:
         raise UnsupportedError(
@@ -106,6 +108,23 @@ def refuse_bad_material(m: Material) -> None:
         raise UnsupportedError(
             f"strain_measure is {m.strain_measure!r}; expected 'small' or 'finite'"
         )
+
+
+def _refuse_bad_inside(m: Material) -> None:
+    rows, of_grain = m.tau0_grains_inside, len(INSIDE_NULL)
+    if not isinstance(rows, tuple) or any(
+        not isinstance(row, tuple) or len(row) != of_grain for row in rows
+    ):
+        raise BadSimulationError(
+            f"tau0_grains_inside is {rows!r}; expected a tuple of tuples of {of_grain} numbers"
+        )
+    admissible = admissible_at(m)
+    for grain, row in enumerate(rows, start=3):
+        for name, value in zip(inside_names(grain), row, strict=True):
+            expect_number(name, value)
+            may_be = admissible[as_honoured(name)]
+            if not may_be.holds(value):
+                raise UnsupportedError(f"{name} is {value:g}; expected {may_be.words}")
 
 
 def _refuse_bad_interaction(table: Any, n: int) -> None:
@@ -169,14 +188,18 @@ def refuse_bad_rotation(name: str, rotation: FloatArray) -> None:
         )
 
 
-def _refuse_ratios_of_no_grain(simulation: Simulation) -> None:
-    ratios, n = simulation.material.tau0_grains, simulation.mesh.n_grains
+def _refuse_scalars_of_no_grain(simulation: Simulation) -> None:
+    m, n = simulation.material, simulation.mesh.n_grains
     most = max(n - 2, 0)
-    if len(ratios) > most:
-        raise BadSimulationError(
-            f"tau0_grains has {len(ratios)} ratios for {n} grains; expected at most {most}, "
-            "those of the third and later grains"
-        )
+    for name, what, stated in (
+        ("tau0_grains", "ratios", m.tau0_grains),
+        ("tau0_grains_inside", "rows", m.tau0_grains_inside),
+    ):
+        if len(stated) > most:
+            raise BadSimulationError(
+                f"{name} has {len(stated)} {what} for {n} grains; expected at most {most}, "
+                "those of the third and later grains"
+            )
 
 
 def _refuse_bad_times(simulation: Simulation) -> None:

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_adapters.later_grains import INSIDE_NULL, inside_names
 from solver_adapters.material import (
     ELASTIC_CONSTANTS,
     MATERIAL_DECLARATIONS,
     MATERIAL_PARAMETERS,
+    OF_SECOND_GRAIN,
     Constant,
     Material,
     admissible_at,
@@ -82,3 +84,27 @@ def test_ratios_of_later_grains_are_scalars_by_the_number_of_the_grain() -> None
         "tau0_grain2", "tau0_grain3", "tau0_grain4",
     ]  # fmt: skip
     assert declarations_at(Material(), 2) == MATERIAL_DECLARATIONS
+
+
+def test_what_varies_inside_a_later_grain_is_scalars_by_the_number_of_the_grain() -> None:
+    law = with_parameters(Material(tau0_grains=(1.2,)), {"tau0_grain4_band": -0.4})
+    assert law.tau0_grains == (1.2,)
+    assert law.tau0_grains_inside == (INSIDE_NULL, (0.0, 0.0, 0.0, -0.4, 0.0, 0.25))
+    wide = with_parameters(law, {"tau0_grain4_band_half_width": 0.3, "tau0_grain3_slope_X": 0.1})
+    assert [scalar(wide, name) for name in inside_names(3)] == [0.0, 0.0, 0.1, 0.0, 0.0, 0.25]
+    assert [scalar(wide, name) for name in inside_names(4)] == [0.0, 0.0, 0.0, -0.4, 0.0, 0.3]
+    assert [scalar(wide, name) for name in inside_names(5)] == list(INSIDE_NULL)
+    # At their nulls they leave the law, and with it the key of a job, as it is.
+    assert with_parameters(law, {"tau0_grain4_band": 0.0}) == Material(tau0_grains=(1.2,))
+
+
+def test_a_later_grain_is_declared_as_the_second_one_is() -> None:
+    declared = {parameter.name: parameter for parameter in declarations_at(Material(), 4)}
+    second = {name: parameter for name, parameter in declared.items() if name in OF_SECOND_GRAIN}
+    for grain in (3, 4):
+        for name, parameter in second.items():
+            later = declared[name.replace("grain2", f"grain{grain}")]
+            label = parameter.label.replace("grain 2", f"grain {grain}")
+            assert later == replace(parameter, name=later.name, label=label, key="")
+            assert label != parameter.label
+    assert len(declared) == len(MATERIAL_DECLARATIONS) + 2 * len(second)

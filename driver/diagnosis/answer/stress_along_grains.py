@@ -14,7 +14,7 @@ from meshes.arrays import AnyArray, FloatArray
 from meshes.cells import extent_along_y
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.inside_grain import band_factor, mode_factor
-from solver_adapters.material import TAU0_BANDS, TAU0_MODES
+from solver_adapters.later_grains import band_names, mode_names
 from solver_adapters.parameter import Parameter
 
 _PLACES = 81
@@ -111,7 +111,8 @@ def _along_grains(
     free, values = fitted.best.free, fitted.values
     slopes = np.array([parameters[name].slope(values[name]) for name in free])
     covariance = fitted.covariance * slopes * slopes[:, None]
-    for index, (modes, band) in enumerate(zip(TAU0_MODES, TAU0_BANDS, strict=True)):
+    for index in range(mesh.n_grains):
+        modes, band = mode_names(index + 1), band_names(index + 1)
         if not set(free) & {*modes[:2], band[0]}:  # the slope along X changes nothing here
             continue
         cells = mesh.cells[mesh.grain == index]

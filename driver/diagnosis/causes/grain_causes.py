@@ -12,7 +12,12 @@ from dataclasses import replace
 from driver.diagnosis.causes.causes import LIBRARY, Cause
 from driver.parameters.microstructure import boundary_names
 
-_BY_NUMBER = ("misorientation_grain2", "lattice_gradient_grain2")
+_BY_NUMBER = (
+    "heterogeneity_grain2",
+    "band_grain2",
+    "misorientation_grain2",
+    "lattice_gradient_grain2",
+)
 
 
 def library(n_grains: int) -> tuple[Cause, ...]:
@@ -50,6 +55,7 @@ def _renamed(cause: Cause, renamed: Callable[[str], str]) -> Cause:
         cause,
         name=renamed(cause.name),
         parameters=tuple(map(renamed, cause.parameters)),
+        companions=tuple(map(renamed, cause.companions)),
         sentence=renamed(cause.sentence),
         check=renamed(cause.check),
         label=renamed(cause.label),

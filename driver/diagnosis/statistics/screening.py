@@ -20,7 +20,7 @@ from driver.identification.objective import Objective
 from driver.parameters.history import HOLD
 from driver.parameters.instrument import PATTERN_DECLARATIONS
 from meshes.arrays import FloatArray
-from solver_adapters.later_grains import SECOND, as_honoured, ratio_name
+from solver_adapters.later_grains import as_honoured, later_names
 from solver_adapters.material import MATERIAL_PARAMETERS, OF_SECOND_GRAIN, of_other_crystals
 
 
@@ -44,7 +44,7 @@ def parameters_of_the_specimen(model: ForwardModel) -> frozenset[str]:
     seen = frozenset(p for p in model.parameters if not model.simulated(p))
     if model.pattern is None:
         seen -= {p.name for p in PATTERN_DECLARATIONS}
-    law = frozenset((*MATERIAL_PARAMETERS, *map(ratio_name, range(3, model.n_grains + 1))))
+    law = frozenset((*MATERIAL_PARAMETERS, *later_names(model.n_grains)))
     if model.n_grains < 2:
         law -= OF_SECOND_GRAIN
     law -= of_other_crystals(model.material.slip_systems)
@@ -57,8 +57,7 @@ def honoured(model: ForwardModel) -> frozenset[str]:
     """Parameters of the general model that the solver can honour."""
     offered = model.adapter.capabilities()
     refused = frozenset(MATERIAL_PARAMETERS) - offered.material
-    if SECOND in refused:
-        refused |= {name for name in model.parameters if as_honoured(name) == SECOND}
+    refused |= {name for name in model.parameters if as_honoured(name) in refused}
     if not offered.lattice_gradient:
         refused |= {p.name for p in model.parameters.values() if p.enters == "lattice"}
     if not offered.times:

@@ -28,12 +28,11 @@ from solver_adapters.bundled.fem.initial import (
 )
 from solver_adapters.inside_grain import band_factor, mode_factor, standardised
 from solver_adapters.interface import Direction, Simulation
-from solver_adapters.material import TAU0_BANDS, TAU0_MODES
+from solver_adapters.later_grains import as_honoured, band_names, inside_names, mode_names
+from solver_adapters.material import scalar
 
-_INSIDE = (*sum(TAU0_MODES, ()), *sum(TAU0_BANDS, ()))
-_VARYING = (*sum(TAU0_MODES, ()), *(band[0] for band in TAU0_BANDS))
-AT_REST = ("x0", "eigenstrain", "skin_tau0", "skin_thickness", *_INSIDE)
-"""Scalars of the law that act through the fields of this module, not through local constants."""
+_EVERYWHERE = ("x0", "eigenstrain", "skin_tau0", "skin_thickness")
+_AT_REST = frozenset((*_EVERYWHERE, *inside_names(1), *inside_names(2)))
 
 _STEP = 1e-30
 
@@ -49,6 +48,17 @@ class Frames:
 
     rotation: FloatArray
     of_point: IntArray
+
+
+def acts_at_rest(name: str) -> bool:
+    """Whether a scalar of the law acts through the fields of this module, not local constants."""
+    return as_honoured(name) in _AT_REST
+
+
+def _names(n_grains: int) -> tuple[str, ...]:
+    """Return the names of those of a specimen of so many grains."""
+    inside = (name for grain in range(1, n_grains + 1) for name in inside_names(grain))
+    return (*_EVERYWHERE, *inside)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +113,7 @@ def frame_change(simulation: Simulation, element: Element, direction: Direction)
 
 def at_rest(simulation: Simulation, element: Element, frames: Frames) -> AtRest:
     """State, and factor on τ0, of a simulation."""
-    values = {name: getattr(simulation.material, name) for name in AT_REST}
+    values = {name: scalar(simulation.material, name) for name in _names(simulation.mesh.n_grains)}
     rotation = frames.rotation[frames.of_point]
     state, skin = _rest(simulation, values, rotation, _points(simulation, element, None))
     return AtRest(np.ascontiguousarray(state), np.ascontiguousarray(skin))
@@ -121,11 +131,14 @@ def at_rest_change(
     None where the direction has no part in it.
     """
     m, rates = simulation.material, direction.material
+    names = _names(simulation.mesh.n_grains)
     null = m.x0 == 0.0 and m.eigenstrain == 0.0 and m.skin_tau0 == 1.0
-    uniform = all(getattr(m, name) == 0.0 for name in _VARYING)
-    if null and uniform and not any(name in rates for name in AT_REST):
+    grains = range(1, simulation.mesh.n_grains + 1)
+    varying = (name for g in grains for name in (*mode_names(g), band_names(g)[0]))
+    uniform = all(scalar(m, name) == 0.0 for name in varying)
+    if null and uniform and not any(name in rates for name in names):
         return None
-    values = {name: getattr(m, name) + 1j * _STEP * rates.get(name, 0.0) for name in AT_REST}
+    values = {name: scalar(m, name) + 1j * _STEP * rates.get(name, 0.0) for name in names}
     rotation = (frames.rotation + 1j * _STEP * drotation)[frames.of_point]
     points = _points(simulation, element, direction)
     state, skin = _rest(simulation, values, rotation, points)
@@ -159,12 +172,12 @@ def _rest(
 
 
 def _factor_inside(simulation: Simulation, values: Mapping[str, Any], points: _Points) -> AnyArray:
-    """Factor on τ0 of modes and bands inside the first two grains, (n_points,)."""
+    """Factor on τ0 of modes and bands inside the grains, (n_points,)."""
     mesh = simulation.mesh
     grain = np.repeat(mesh.grain, len(points.volume) // len(mesh.grain))
     factor = np.ones(len(grain), dtype=np.result_type(points.position, *values.values()))
-    inside = list(zip(TAU0_MODES, TAU0_BANDS, strict=True))[: mesh.n_grains]
-    for number, of_grain in enumerate(inside):
+    for number in range(mesh.n_grains):
+        of_grain = mode_names(number + 1), band_names(number + 1)
         modes, band = ([values[name] for name in names] for names in of_grain)
         if not any(value != 0.0 for value in (*modes, band[0])):
             continue

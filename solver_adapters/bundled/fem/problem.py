@@ -27,8 +27,8 @@ from solver_adapters.bundled.fem.element import (
     shape_gradients,
 )
 from solver_adapters.bundled.fem.fields import (
-    AT_REST,
     Frames,
+    acts_at_rest,
     at_rest,
     at_rest_change,
     crystal_frames,
@@ -224,7 +224,7 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
     plain, _ = shape_gradients(mesh.points, mesh.cells, problem.element)
     for index, direction in enumerate(simulation.directions):
         for name, rate in direction.material.items():
-            if name not in AT_REST:
+            if not acts_at_rest(name):
                 local[:, index] += rate * local_tangent(simulation.material, mesh.n_grains, name)
         if direction.motion is not None:
             motion[:, :, index] = direction.motion[:, simulation.motion_mask]

@@ -40,7 +40,7 @@ from solver_adapters.crystal import (
     schmid_tensors,
     slip_systems,
 )
-from solver_adapters.later_grains import later_grain
+from solver_adapters.later_grains import grain_of_later_ratio
 from solver_adapters.material import Material
 
 # Local parameters of a grain.
@@ -200,7 +200,7 @@ _TAU0 = ("tau0", "tau0_112", "tau0_123", "tau0_grain2", "tau0_antitwinning")
 def local_tangent(material: Material, n_grains: int, name: str) -> FloatArray:
     """Return the derivative of `local_parameters` with respect to one scalar of the material.
 
-    Shape (n_grains, 17); null for scalars that act otherwise (`fields.AT_REST`).
+    Shape (n_grains, 17); null for scalars that act otherwise (`fields.acts_at_rest`).
     """
     m = material
     tangent = np.zeros((n_grains, N_LOCAL))
@@ -220,7 +220,7 @@ def local_tangent(material: Material, n_grains: int, name: str) -> FloatArray:
             tangent[:, P_C44] = scale * share
         else:
             tangent[:, P_C11 if name == "C11" else P_C12] = scale
-    elif name in _TAU0 or later_grain(name) is not None:
+    elif name in _TAU0 or grain_of_later_ratio(name) is not None:
         ratio = grain_ratios(m, n_grains)
         first, family, anti = m.tau0, m.tau0_112, m.tau0_antitwinning
         d_family, d_123, d_anti = 0.0, 0.0, 0.0
@@ -234,7 +234,7 @@ def local_tangent(material: Material, n_grains: int, name: str) -> FloatArray:
         elif name == "tau0_antitwinning":
             d_anti = 1.0
         else:
-            grain = later_grain(name) or 2
+            grain = grain_of_later_ratio(name) or 2
             d_tau0[grain - 1 : grain] = first
         tau0 = first * ratio
         d_tau112 = d_tau0 * family + tau0 * d_family

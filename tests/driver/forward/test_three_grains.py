@@ -17,6 +17,8 @@ from tools.three_grains import three_grains
 
 STEPS = {
     "tau0_grain3": 1e-3,
+    "tau0_grain3_slope_Y": 1e-3,
+    "tau0_grain3_band": 1e-3,
     "rotation_grain3_x": 1e-4,
     "lattice_gradient_grain3_z": 1e-5,
     "boundary1_tilt_x": 1e-3,
@@ -66,5 +68,7 @@ def test_the_specimen_has_every_cause_of_three_grains_that_copper_has() -> None:
     left = {cause.name for cause in library(3)} - {cause.name for cause in candidates}
     of_bcc = {"twinning_asymmetry", "non_schmid", "family_112", "family_123"}
     assert left == of_bcc | {"fixed_pattern"}
-    assert {"tau0_grain3", "rotation_grain3_y", "boundary2_bow"} < set(names)
+    assert {"tau0_grain3", "tau0_grain3_band_middle", "rotation_grain3_y", "boundary2_bow"} < set(
+        names
+    )
     assert model().null_values()["tau0_grain3"] == 1.2

@@ -16,7 +16,7 @@ from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.crystal import FCC, bunge_matrix
 from solver_adapters.finite_differences import shifted
 from solver_adapters.interface import Direction, Simulation
-from solver_adapters.material import Material
+from solver_adapters.material import Material, with_parameters
 from tests.solver_adapters.bundled.bars import ROTATION, STRAINS, TIMES, bar
 from tests.solver_adapters.calculix.runs import largest, needs_ccx, run
 from tools.boxes import pulled, uniaxial
@@ -114,6 +114,39 @@ def test_the_force_changes_with_the_third_grain_as_its_derivative_says() -> None
         expected = central(asked, direction, 1e-4)
         np.testing.assert_allclose(derivative, expected, rtol=1e-4, atol=1e-5 * largest(expected))
         assert largest(expected) > 1.0
+
+
+INSIDE = {
+    "tau0_grain3_slope_Y": 0.1, "tau0_grain3_bend_Y": -0.1, "tau0_grain3_slope_X": 0.05,
+    "tau0_grain3_band": -0.5, "tau0_grain3_band_middle": 0.2, "tau0_grain3_band_half_width": 0.3,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("varies", [True, False])
+def test_what_varies_inside_a_third_grain_is_what_varies_inside_a_second_one(varies: bool) -> None:
+    """The first two of one orientation are one grain by their numbers, on the same cells."""
+    mesh = generate(geometry(LEANING), 2.0, "hex20", layers=(1, 1, 2))
+    inside = INSIDE if varies else dict.fromkeys(INSIDE, 0.0) | {"tau0_grain3_band_half_width": 0.3}
+    later = three_grains(mesh, (1e-3, 2e-3), with_parameters(COPPER, inside))
+    later = replace(later, orientations=ORIENTATIONS[[0, 0, 2]])
+    as_second = {name.replace("grain3", "grain2"): value for name, value in inside.items()}
+    second = replace(
+        later,
+        mesh=replace(mesh, grain=np.maximum(mesh.grain - 1, 0)),
+        orientations=ORIENTATIONS[[0, 2]],
+        material=with_parameters(COPPER, as_second),
+    )
+    found, expected = (
+        BundledAdapter().solve(
+            replace(one, directions=tuple(Direction(name, material={name: 1.0}) for name in names))
+        )
+        for one, names in ((later, inside), (second, as_second))
+    )
+    np.testing.assert_allclose(found.force, expected.force, rtol=1e-12)
+    np.testing.assert_allclose(
+        found.d_force, expected.d_force, rtol=0, atol=1e-9 * largest(expected.d_force)
+    )
+    assert (abs(found.d_force).max(axis=1) > 0.01).tolist() == [True] * 4 + 2 * [varies]
 
 
 @needs_ccx

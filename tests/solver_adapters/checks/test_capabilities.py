@@ -11,7 +11,7 @@ import pytest
 from solver_adapters.checks.capabilities import BASE, refuse_unsupported
 from solver_adapters.crystal import FCC
 from solver_adapters.interface import Capabilities, Direction, Simulation, UnsupportedError
-from solver_adapters.material import Material, with_parameters
+from solver_adapters.material import TAU0_BANDS, TAU0_MODES, Material, with_parameters
 from tools.boxes import box, hex_box, pulled
 
 PLAIN = replace(
@@ -98,7 +98,22 @@ def test_a_conditional_parameter_is_left_to_the_adapter_that_is_no_solver_to_nam
         refuse_unsupported(asked, "small one", SMALL, lambda: {"judging": judging})
 
 
-OFF = {"tau0_grains": (1.1,), "slip_systems": FCC, "interaction": ((1.0,) * 24,) * 24}
+def test_who_honours_modes_without_bands_honours_the_inside_of_no_later_grain() -> None:
+    inside = ((0.1, 0.0, 0.0, 0.0, 0.0, 0.25),)
+    asked = replace(PLAIN, material=replace(PLAIN.material, tau0_grains_inside=inside))
+    modes = Capabilities(frozenset(TAU0_MODES[1]), frozenset({"small"}), derivatives=False)
+    with pytest.raises(UnsupportedError, match="^tau0_grains_inside = "):
+        refuse_unsupported(asked, "modes", modes, dict)
+    both = replace(modes, material=modes.material | {TAU0_BANDS[1][0]})
+    refuse_unsupported(asked, "both", both, dict)
+
+
+OFF = {
+    "tau0_grains": (1.1,),
+    "tau0_grains_inside": ((0.1, 0.0, 0.0, 0.0, 0.0, 0.25),),
+    "slip_systems": FCC,
+    "interaction": ((1.0,) * 24,) * 24,
+}
 
 
 @pytest.mark.parametrize("name", sorted({f.name for f in fields(Material)} - BASE))

@@ -11,6 +11,7 @@ from meshes.arrays import FloatArray
 from solver_adapters.checks.simulation import refuse_bad_simulation
 from solver_adapters.crystal import FCC
 from solver_adapters.interface import BadSimulationError, Simulation, Trajectory, UnsupportedError
+from solver_adapters.later_grains import INSIDE_NULL
 from solver_adapters.material import MATERIAL_PARAMETERS, Material, admissible_at
 from tests.solver_adapters.simulations import (
     GOOD,
@@ -49,6 +50,14 @@ UNSUPPORTED: list[tuple[Simulation, str]] = [
     (of_material(skin_tau0=0.0), "skin_tau0 is 0; expected a positive number"),
     (of_material(skin_thickness=0.0), "skin_thickness is 0; expected a positive number"),
     (of_material(tau0_grains=(1.0, -1.0)), "tau0_grains holds -1; expected positive numbers"),
+    (
+        of_material(tau0_grains_inside=(INSIDE_NULL, (*INSIDE_NULL[:-1], 0.0))),
+        "tau0_grain4_band_half_width is 0; expected a positive number",
+    ),
+    (
+        of_material(tau0_grains_inside=((NAN, *INSIDE_NULL[1:]),)),
+        "tau0_grain3_slope_Y is nan; expected a finite number",
+    ),
     (
         of_material(slip_systems=(((1, 1, 1), (1, 1, 0)),)),
         "slip_systems has system 1 with a direction that does not lie in its plane; expected 1 to ",
@@ -155,6 +164,21 @@ BROKEN: list[tuple[Simulation, str]] = [
     (
         of_material(tau0_grains=(1.1,)),
         "tau0_grains has 1 ratios for 2 grains; expected at most 0, those of the third and later",
+    ),
+    (
+        of_material(tau0_grains_inside=(INSIDE_NULL,)),
+        "tau0_grains_inside has 1 rows for 2 grains; expected at most 0, those of the third and ",
+    ),
+    *[
+        (
+            of_material(tau0_grains_inside=rows),
+            f"tau0_grains_inside is {rows!r}; expected a tuple of tuples of 6 numbers",
+        )
+        for rows in (0.1, [INSIDE_NULL], (INSIDE_NULL[:5],), (list(INSIDE_NULL),))
+    ],
+    (
+        of_material(tau0_grains_inside=(("1", *INSIDE_NULL[1:]),)),
+        "tau0_grain3_slope_Y is '1'; expected a number",
     ),
     (given(tolerance="1e-7"), "tolerance is '1e-7'; expected a number"),
     (given(accuracy="1"), "accuracy is '1'; expected a number"),

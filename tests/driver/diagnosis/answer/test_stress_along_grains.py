@@ -11,10 +11,10 @@ import numpy as np
 from driver.diagnosis.answer.stress_along_grains import StressAlongGrain, stress_along_grains
 from driver.identification.fit import Fit
 from meshes.prism_mesh import PrismMesh
-from solver_adapters.material import MATERIAL_DECLARATIONS, Material
+from solver_adapters.material import Material, declarations_at, scalar
 from tools.boxes import BOXES
 
-PARAMETERS = {one.name: one for one in MATERIAL_DECLARATIONS}
+PARAMETERS = {one.name: one for one in declarations_at(Material(), 3)}
 MESH = BOXES["tet10"]((2, 4, 2), (2.0, 4.0, 3.0), 0.0)
 """Grains of 2 µm along Y each."""
 
@@ -23,7 +23,7 @@ def along(
     values: dict[str, float], sigma: float = 0.1, mesh: PrismMesh = MESH
 ) -> tuple[StressAlongGrain, ...]:
     """Of a fit with these parameters free, each θ of them known to the same standard deviation."""
-    every = {name: getattr(Material(), name) for name in PARAMETERS} | values
+    every = {name: scalar(Material(), name) for name in PARAMETERS} | values
     best = SimpleNamespace(free=("tau0", *values))
     covariance = sigma**2 * np.eye(1 + len(values))
     fitted = SimpleNamespace(best=best, values=every, covariance=covariance)
@@ -83,6 +83,16 @@ def test_in_a_wedge_the_middle_of_a_band_is_the_mean_of_its_volume() -> None:
     np.testing.assert_allclose(grain.band.middle[0], 2.0 + 2.0 / 3.0, rtol=2e-3)
 
 
+def test_a_band_across_a_third_grain_lies_in_that_grain() -> None:
+    lengths = np.array([1.0, 2.0])
+    middle = MESH.points[MESH.cells, 1].mean(axis=1)
+    mesh = replace(MESH, grain=np.searchsorted(lengths, middle))
+    (grain,) = along({"tau0_grain3_band": -0.4, "tau0_grain3_band_middle": 0.5}, mesh=mesh)
+    assert grain.grain == 3 and grain.band is not None
+    np.testing.assert_allclose([grain.y[0], grain.y[-1]], [2.0, 4.0])
+    np.testing.assert_allclose(grain.band.middle[0], 3.5)
+
+
 def test_what_is_written_is_what_was_found() -> None:
     (grain,) = along({"tau0_grain2_band": -0.4})
     found = grain.record()
@@ -100,7 +110,7 @@ def test_what_is_written_is_what_was_found() -> None:
 def test_correlated_parameters_are_counted_together() -> None:
     """Of a slope and a bend that are known in their sum alone the end is known, not the other."""
     names = ("tau0_grain1_slope_Y", "tau0_grain1_bend_Y")
-    every = {name: getattr(Material(), name) for name in PARAMETERS}
+    every = {name: scalar(Material(), name) for name in PARAMETERS}
     covariance = np.array([[1.0, -1.0], [-1.0, 1.0]])
     fitted = SimpleNamespace(best=SimpleNamespace(free=names), values=every, covariance=covariance)
     (grain,) = stress_along_grains(MESH, cast(Fit, fitted), PARAMETERS)

@@ -16,9 +16,9 @@ def test_up_to_two_grains_the_library_is_what_it_was() -> None:
 
 
 @pytest.mark.parametrize("n_grains", [3, 4, 12])
-def test_a_grain_more_has_three_causes_more_and_its_boundary_three(n_grains: int) -> None:
+def test_a_grain_more_has_five_causes_more_and_its_boundary_three(n_grains: int) -> None:
     found = library(n_grains)
-    assert len(found) == len(LIBRARY) + 6 * (n_grains - 2)
+    assert len(found) == len(LIBRARY) + 8 * (n_grains - 2)
     assert len({cause.name for cause in found}) == len({cause.title for cause in found})
     declared = declared_parameters(1, n_grains=n_grains)
     named = [name for cause in found for name in cause.parameters]
@@ -35,6 +35,13 @@ def test_the_causes_of_three_grains_say_which_grain_or_boundary_is_meant() -> No
     turned = by_name["misorientation_grain3"]
     assert turned.parameters == tuple(f"rotation_grain3_{axis}" for axis in "xyz")
     assert turned.sentence == "grain 3 is oriented otherwise than its EBSD says"
+    band = by_name["band_grain3"]
+    assert band.parameters + band.companions == (
+        "tau0_grain3_band", "tau0_grain3_band_middle", "tau0_grain3_band_half_width",
+    )  # fmt: skip
+    assert band.places == by_name["band_grain2"].places and band.title == "band in grain 3"
+    varied = by_name["heterogeneity_grain3"]
+    assert varied.sentence == "the critical resolved shear stress varies inside grain 3"
     tilt = by_name["boundary2_tilt"]
     assert tilt.parameters == ("boundary2_tilt_x", "boundary2_tilt_z")
     assert tilt.sentence == "grain boundary 2 is inclined otherwise"
