@@ -1,4 +1,4 @@
-"""Hidden effects of four kinds in a bar of three grains of copper: what a diagnosis says of each.
+"""Hidden effects of six kinds in a bar of three grains of copper: what a diagnosis says of each.
 
     python -m benchmarks.three_grains FOLDER [EFFECT ...]    # all of them if none is named
 
@@ -22,14 +22,20 @@ from driver.virtual.command import virtual
 from driver.workflow.pipeline import run
 from tools.three_grains import three_grains
 
-EFFECTS: dict[str, tuple[str, float] | None] = {
-    "grain3_contrast": ("tau0_grain3", 1.4),
-    "nothing": None,
-    "misorientation_grain2": ("rotation_grain2_x", 0.087),
-    "boundary2_position": ("boundary2_shift", 1.0),
-    "load_offset": ("load_offset", 120.0),
+EFFECTS: dict[str, dict[str, float]] = {
+    "grain3_contrast": {"tau0_grain3": 1.4},
+    "nothing": {},
+    "misorientation_grain2": {"rotation_grain2_x": 0.087},
+    "boundary2_position": {"boundary2_shift": 1.0},
+    "load_offset": {"load_offset": 120.0},
+    "band_grain3": {
+        "tau0_grain3_band": -0.5,
+        "tau0_grain3_band_middle": 0.1,
+        "tau0_grain3_band_half_width": 0.3,
+    },
+    "heterogeneity_grain3": {"tau0_grain3_slope_Y": 0.4},
 }
-"""Parameter and truth of a cause, in internal units."""
+"""Parameters and truths of a cause, in internal units; the first one is told."""
 SETTINGS = """
 [microscope]
 bits = 16
@@ -59,8 +65,7 @@ def answer(folder: Path, effect: str) -> dict[str, Any]:
             execution={"processes": 1},
         )
         write_case(case, folder / CASE_FILE)
-        hidden = EFFECTS[effect]
-        told = "" if hidden is None else f"{hidden[0]} = {hidden[1]}\n"
+        told = "".join(f"{name} = {value}\n" for name, value in EFFECTS[effect].items())
         settings = folder / "settings.toml"
         settings.write_text(SETTINGS.lstrip() + told, encoding="utf-8")
         virtual(folder / CASE_FILE, settings, data, 1 + list(EFFECTS).index(effect))
@@ -74,9 +79,9 @@ def told(effect: str, found: dict[str, Any]) -> str:
     hidden, first = EFFECTS[effect], found["steps"][0]
     causes = ", ".join(found["causes"]) or "none"
     line = f"{effect}: {found['verdict']} ({causes})"
-    if hidden is None:
+    if not hidden:
         return line
-    name, truth = hidden
+    name, truth = next(iter(hidden.items()))
     (scored,) = (cause for cause in first["causes"] if cause["cause"] == effect)
     visible = scored["smallest_visible"][0]
     line += f"; truth {name} = {truth:g}, smallest that would have been seen {visible:.2g}"
