@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import signal
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Literal
@@ -35,11 +36,17 @@ SCRIPTS = {
 }  # fmt: skip
 
 
+# Not by `importorskip`: the import of the library sets what Ctrl-C does.
+of_extra = pytest.mark.skipif(
+    find_spec("dask_jobqueue") is None, reason="dask-jobqueue is of the extra cluster"
+)
+
+
+@of_extra
 @pytest.mark.parametrize("system", ["slurm", "pbs", "lsf"])
 def test_the_script_of_a_job_says_what_the_campaign_does(
     tmp_path: Path, system: Literal["slurm", "pbs", "lsf"]
 ) -> None:
-    pytest.importorskip("dask_jobqueue", reason="of the extra cluster")
     queue = Queue(
         system=system, queue="short", account="steel", walltime="01:02:03",
         job_extra_directives=("--qos=x",), job_script_prologue=("module load calculix",),
@@ -59,8 +66,12 @@ def test_the_memory_of_a_job_is_that_which_is_stated(tmp_path: Path) -> None:
     assert of_job(queue, 1, 2e9, tmp_path)["memory"] == "8000000000B"
 
 
-def test_to_ask_for_workers_does_not_change_what_ctrl_c_does() -> None:
-    pytest.importorskip("dask_jobqueue", reason="of the extra cluster")
+@of_extra
+def test_to_ask_for_workers_does_not_change_what_ctrl_c_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name in [name for name in sys.modules if name.startswith("dask_jobqueue")]:
+        monkeypatch.delitem(sys.modules, name)  # the library sets it as it is imported
     before = signal.getsignal(signal.SIGINT)
     cluster_of(Queue(system="slurm", walltime="00:01:00"))
     assert signal.getsignal(signal.SIGINT) is before

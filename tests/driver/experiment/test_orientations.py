@@ -138,9 +138,10 @@ def test_a_map_of_one_orientation_is_that_of_its_angles(
 
 def test_both_grains_of_a_map_are_told_with_their_angles(tmp_path: Path) -> None:
     write_ctf(tmp_path / "a.ctf", X, Y, halves(X, 1.2))
-    picks = ((0.0, 0.0), (2.0, 0.5))
+    picks = {"a": (0.0, 0.0), "b": (2.0, 0.5)}
     case = case_of(
-        tmp_path, *(Grain(name="a", ebsd="a.ctf", ebsd_point_um=place) for place in picks)
+        tmp_path,
+        *(Grain(name=name, ebsd="a.ctf", ebsd_point_um=place) for name, place in picks.items()),
     )
     assert map_files(case) == (tmp_path / "a.ctf",)
     for grain, angles in zip(grain_orientations(case), (FIRST, SECOND), strict=True):
@@ -196,7 +197,8 @@ def test_a_spread_above_the_usual_scale_is_the_prior_of_the_turns_of_its_grain(
     along = np.array(FIRST) + np.outer(X / 0.5 - 2.5, [4.5, 0.0, 0.0])
     write_ctf(tmp_path / "much.ctf", X, Y, along)
     picks = [
-        Grain(name="a", ebsd=f"{name}.ctf", ebsd_point_um=(0.0, 0.0)) for name in ("little", "much")
+        Grain(name=name, ebsd=f"{name}.ctf", ebsd_point_um=(0.0, 0.0))
+        for name in ("little", "much")
     ]
     scales = rotation_scales(case_of(tmp_path, *picks))
     # Turns about Z of −11.25° to 11.25° in steps of 4.5°.

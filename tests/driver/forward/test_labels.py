@@ -50,7 +50,8 @@ def case_in(
         image = np.ascontiguousarray(image[::-1, ::-1])
     Image.fromarray(image).save(folder / "labels.png")
     data = tables()
-    data["grains"] = (data["grains"] * 2)[:n_grains]
+    grains = (data["grains"] * 2)[:n_grains]
+    data["grains"] = [grain | {"name": f"grain {k}"} for k, grain in enumerate(grains, start=1)]
     data["images"] |= {"pixel_size_nm": 1e3 * PIXEL, "origin_pixel": ORIGIN} | files_axes
     data["material"]["strain_measure"] = "small"
     specimen = {"boundaries": (), "cells": None, "labels": "labels.png", "mesh_size_um": "auto",
