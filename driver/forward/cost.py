@@ -12,24 +12,31 @@ from solver_adapters.crystal import SYSTEM_COUNTS, system_count
 from solver_adapters.finite_differences import RUNS_PER_DIRECTION
 from solver_adapters.interface import Capabilities, Simulation
 
-# Gauss points of a cell, and nodes per cell in a mesh of a few hundred cells.
 _POINTS_PER_CELL: Mapping[CellKind, int] = MappingProxyType({"tet10": 4, "hex20": 8})
-_NODES_PER_CELL: Mapping[CellKind, float] = MappingProxyType({"tet10": 2.2, "hex20": 8.0})
+# Nodes of a cell inside a mesh, and what those at the surface add, with the power -1/3 of the
+# cells: on bars and prisms of 24 to 3582 cells, told within 6 %.
+_NODES_INSIDE: Mapping[CellKind, float] = MappingProxyType({"tet10": 1.5, "hex20": 3.8})
+_NODES_OF_SURFACE: Mapping[CellKind, float] = MappingProxyType({"tet10": 4.6, "hex20": 13.8})
 
 # Seconds of one core for one integration of the crystal law at one Gauss point.
 _POINT_SECONDS = {"small": 2.3e-6, "finite": 5.5e-6}
 # That of 48 slip systems in the place of 24 (7.5 beside 3.8 µs, 10.7 beside 7.1).
 _OF_48_SYSTEMS = {"small": 2.0, "finite": 1.5}
 
-# Numeric factorisation: 39 ms at 7000 unknowns, growing with the power 1.5 (a long thin body).
-_FACTOR_SECONDS, _FACTOR_UNKNOWNS, _FACTOR_POWER = 0.039, 7000.0, 1.5
+# Matrix of an iteration, factor and solution at 7000 unknowns, with the power 1.5 of these (a long
+# thin body); and what an iteration takes whatever the mesh.
+_MATRIX_SECONDS: Mapping[CellKind, float] = MappingProxyType({"tet10": 0.0225, "hex20": 0.039})
+_MATRIX_UNKNOWNS, _MATRIX_POWER_OF_TIME = 7000.0, 1.5
+_ITERATION_SECONDS = 5e-4
 
 # A solver that is slower at the points is slower in its matrices by this at most (SPOOLES, MUMPS).
 _SLOWER_MATRIX = 5.0
 
-# Newton iterations of a step; share of a step that one direction of differentiation adds.
-_ITERATIONS = 4
-_DIRECTION_SHARE = 0.05
+# Newton iterations of a step; what derivatives add to a step, in shares of it, and for each
+# direction at a Gauss point [s].
+_ITERATIONS = 2.3
+_DERIVATIVES_SHARE = 0.38
+_DIRECTION_SECONDS: Mapping[CellKind, float] = MappingProxyType({"tet10": 0.45e-6, "hex20": 0.8e-6})
 
 # Libraries of one process [bytes].
 PROCESS_BYTES = 330e6
@@ -73,7 +80,7 @@ def simulation_memory(
         steps_per_interval: time steps of a move or a hold.
         systems: length of arrays over the slip systems, one of `SYSTEM_COUNTS`.
     """
-    of_image = 24.0 * n_images * n_cells * _NODES_PER_CELL[kind]
+    of_image = 24.0 * n_images * nodes_of(kind, n_cells)
     # A move and a hold for each image.
     response, trajectory = of_image * (directions + 1), 2 * steps_per_interval * of_image
     points = 8.0 * n_cells * _POINTS_PER_CELL[kind] * _POINT_NUMBERS[systems] * directions
@@ -124,16 +131,28 @@ def steps_seconds(
 ) -> float:
     """Seconds of one simulation with its derivatives."""
     kind = case.specimen.cell_kind
-    points = n_cells * _POINTS_PER_CELL[kind] * _point_seconds(case)
-    unknowns = 3 * n_cells * _NODES_PER_CELL[kind]
-    factor: float = _FACTOR_SECONDS * (unknowns / _FACTOR_UNKNOWNS) ** _FACTOR_POWER
-    of_matrix = factor * min(solver.cost, _SLOWER_MATRIX)
-    iteration = solver.cost * points / case.execution.threads + of_matrix
+    points = n_cells * _POINTS_PER_CELL[kind]
+    unknowns = 3 * nodes_of(kind, n_cells) / _MATRIX_UNKNOWNS
+    matrix: float = _MATRIX_SECONDS[kind] * unknowns**_MATRIX_POWER_OF_TIME
+    of_matrix = matrix * min(solver.cost, _SLOWER_MATRIX) + _ITERATION_SECONDS
+    iteration = solver.cost * points * _point_seconds(case) / case.execution.threads + of_matrix
     plain = solver.start + steps * _ITERATIONS * iteration
     if solver.derivatives:
-        return plain * (1 + _DIRECTION_SHARE * directions / _ITERATIONS)
+        of_directions = steps * points * directions * _DIRECTION_SECONDS[kind]
+        return plain * (1 + _DERIVATIVES_SHARE * (directions > 0)) + of_directions
     # Finite differences, so many of them at a time.
     return plain * (1 + math.ceil(RUNS_PER_DIRECTION * directions / case.execution.processes))
+
+
+def nodes_of(kind: CellKind, n_cells: int) -> float:
+    """Nodes of a bar or a prism of so many cells, roughly.
+
+    Args:
+        kind: of the cells.
+        n_cells: cells of the mesh.
+    """
+    surface = _NODES_OF_SURFACE[kind] * math.pow(n_cells, -1 / 3)
+    return n_cells * (_NODES_INSIDE[kind] + surface)
 
 
 def systems_of(case: Case) -> int:

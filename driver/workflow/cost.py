@@ -17,12 +17,13 @@ from solver_adapters.finite_differences import RUNS_PER_DIRECTION
 from solver_adapters.interface import Capabilities
 
 # Simulations of a run: the Gauss–Newton iterations of stages B and C, and with images of A, use
-# this share of their limit each. Each refit of a cause needs this many; the sides and places from
-# which causes are looked at from afar are simulated without derivatives, in about two rounds. A
-# finer mesh is run this often where something is found, and once for the places that promise most
-# and for the side of each cause that bends.
+# this share of their limit each. Each refit of a cause needs this many, those under its own
+# correction and those of its rivals among them; the sides and places from which causes are looked
+# at from afar are simulated without derivatives, in about two rounds. A finer mesh is run this
+# often where something is found, and once for the places that promise most and for the side of
+# each cause that bends.
 _ITERATION_SHARE = 0.5
-_PER_REFIT = 6
+_PER_REFIT = 20
 _SIDES = 2
 _ROUNDS = 2
 _FINE_RUNS = 8
@@ -33,6 +34,8 @@ _CORRECTIONS = 2
 _SECOND_RUNS = 6
 # Seconds of one core of the correlation for one pixel of one image, all iterations.
 _PIXEL_SECONDS = 8e-6
+# That of the comparison of images with a prediction, for one pixel of one image and a direction.
+_COMPARED_SECONDS = 1.7e-7
 # Bytes of the images that correlation has at work together, whatever their number: the block of
 # `driver.dic.surface_images`, and that of `driver.dic.covariance` at most.
 _BLOCK_BYTES, _LARGEST_BAND = 60e6, 8.0 * 2**24
@@ -83,6 +86,8 @@ def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> C
         steps_seconds(case, solver, n_cells, intervals * case.solver.steps_per_interval, n)
         for n in (directions, 0)
     )
+    if case.with_images:
+        working += _COMPARED_SECONDS * _face(case) * n_images * directions
     finer = cells_of_size(case, n_cells, case.specimen.fine_mesh_size)
     causes = _cause_directions(len(case.grains)) if case.with_images else 0
     # The finer simulation tells its derivatives for all that is fitted, as a rule twice, and then

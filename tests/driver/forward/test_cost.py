@@ -11,6 +11,7 @@ from driver.case.model import load_case
 from driver.forward.build import geometry_of
 from driver.forward.cost import (
     ONE_FACTOR_FROM,
+    nodes_of,
     simulation_memory,
     simulation_seconds,
     systems_of,
@@ -19,6 +20,7 @@ from meshes.prism import CellKind, generate
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.bundled.tangent_system import MOST_WITH_TWO
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
+from tools.three_grains import three_grains
 
 ALPHA = Path(__file__).parents[3] / "examples" / "alpha"
 
@@ -52,6 +54,16 @@ def test_cells_from_which_one_factor_is_estimated_have_the_unknowns_at_which_it_
     unknowns = 3 * (len(mesh.points) - len(ends))
     at_change = unknowns * ONE_FACTOR_FROM[kind] / len(mesh.cells)
     assert at_change == pytest.approx(MOST_WITH_TWO, rel=0.1)
+
+
+@pytest.mark.parametrize(("kind", "sizes"), [("hex20", (2.0, 1.0, 0.5)), ("tet10", (2.0, 0.8))])
+def test_the_nodes_of_a_mesh_are_known_by_its_cells(
+    kind: CellKind, sizes: tuple[float, ...]
+) -> None:
+    for geometry in (geometry_of(load_case(ALPHA / "case.toml")), geometry_of(three_grains())):
+        for size in sizes:
+            mesh = generate(geometry, size, kind)
+            assert nodes_of(kind, len(mesh.cells)) == pytest.approx(len(mesh.points), rel=0.1)
 
 
 @pytest.mark.slow
