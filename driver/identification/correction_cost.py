@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from math import ceil
 
 from driver.case.model import Case
-from driver.forward.build import size_between
+from driver.forward.build import geometry_of, size_between
 from driver.forward.cost import steps_seconds
+from meshes.prism import expected_cells
 from solver_adapters.interface import Capabilities
 
 
@@ -51,6 +52,12 @@ def cells_of_size(case: Case, n_cells: int, size: float) -> int:
         n_cells: cells of its working mesh.
         size: of the cells of the other mesh [µm].
     """
-    specimen = case.specimen
-    growth = 2 if specimen.cell_kind == "tet10" and not specimen.of_mesh else 3
-    return round(n_cells * (specimen.mesh_size / size) ** growth)
+    specimen, kind = case.specimen, case.specimen.cell_kind
+    if specimen.of_mesh:
+        return round(n_cells * (specimen.mesh_size / size) ** 3)
+    if kind == "tet10":
+        return round(n_cells * (specimen.mesh_size / size) ** 2)
+    # Whole hexahedra lie along the sides of the section, whatever size is stated.
+    geometry = geometry_of(case)
+    now, then = (expected_cells(geometry, one, kind) for one in (specimen.mesh_size, size))
+    return round(n_cells * then / now)

@@ -5,10 +5,12 @@ from typing import Any
 import pytest
 
 from driver.case.model import Case
+from driver.forward.build import mesh_of
 from driver.forward.cost import steps_seconds
 from driver.identification.correction_cost import cells_of_size, correction_seconds
 from solver_adapters.bundled.adapter import BundledAdapter
 from tools.converged_truth import known_case
+from tools.three_grains import three_grains
 
 SOLVER = BundledAdapter().capabilities()
 
@@ -60,3 +62,9 @@ def test_cells_grow_with_the_third_power_of_hexahedra_and_the_second_of_tetrahed
         update={"specimen": case.specimen.model_copy(update={"cells": "tet10"})}
     )
     assert cells_of_size(tetrahedra, 100, 1.0) == 400
+
+
+def test_hexahedra_of_a_size_that_does_not_fit_the_section_are_counted_as_they_are_made() -> None:
+    case = three_grains(specimen={"mesh_size_um": 1.34, "fine_mesh_size_um": 0.667})
+    working, finer = (len(mesh_of(case, size).cells) for size in (1.34, 0.667))
+    assert cells_of_size(case, working, 0.667) == pytest.approx(finer, rel=0.1)
