@@ -14,7 +14,15 @@ from time import monotonic
 import numpy as np
 
 from driver.identification.gauss_newton_step import is_at_bound
-from driver.identification.line_search import FLAT, SCORE, descend, newton, promised_by
+from driver.identification.line_search import (
+    FLAT,
+    SCORE,
+    between,
+    descend,
+    go_to_and_fro,
+    newton,
+    promised_by,
+)
 from driver.identification.objective import Evaluation, Objective
 from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
@@ -147,6 +155,7 @@ def fit(
 
     _tell(0, current, None)
     iteration = 0
+    before: Evaluation | None = None
     while True:
         step, decrement = newton(objective, current)
         if promised_by(step, current) > threshold:
@@ -168,9 +177,11 @@ def fit(
         if ahead is None:
             reason = f"no shorter step lowers the cost (decrement {decrement:.2g} σ)"
             return ended(False, reason)
+        if before is not None and go_to_and_fro(before, current, ahead):
+            ahead = between(tried, current, ahead) or ahead
         gained = current.cost - ahead.cost
         fallen = gained / current.cost
-        current, iteration = ahead, iteration + 1
+        before, current, iteration = current, ahead, iteration + 1
         history.append(_record(current))
         _tell(iteration, current, decrement)
         if 0 <= fallen < share:

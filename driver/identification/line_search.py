@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 
+import numpy as np
+
 from driver.common.errors import InputError
 from driver.common.outcomes import first_line
 from driver.identification.gauss_newton_step import bounded_step, trial_values
@@ -32,6 +34,8 @@ FLAT = 0.3
 # noise and prefers places between pixels, where interpolation lowers it. This near to the optimum a
 # step that takes half of the score away is right even where the cost does not fall.
 SCORE = 3.0
+# Two steps that change the cost by less than this share of what one of them does go to and fro.
+SAME = 0.1
 
 
 def newton(objective: Objective, at: Evaluation) -> tuple[FloatArray, float]:
@@ -85,6 +89,35 @@ def descend(
                     return corrected
         length *= 0.4
     return None
+
+
+def go_to_and_fro(before: Evaluation, here: Evaluation, ahead: Evaluation) -> bool:
+    """Whether the second of two steps has taken back what the first did to the cost."""
+    return abs(ahead.cost - before.cost) < SAME * abs(ahead.cost - here.cost)
+
+
+def between(objective: Objective, here: Evaluation, ahead: Evaluation) -> Evaluation | None:
+    """Return the point between two where the slope of the cost is that of neither, but null.
+
+    Each step reaches too far: the curvature is larger than that of the Hessian. None where the
+    slopes do not turn, or where a step from that point would be no shorter than from the two.
+
+    Args:
+        objective: model and data, beginning each simulation beside `here`.
+        here: where the last step began.
+        ahead: where it ended.
+    """
+    known = objective.parameters
+    way = np.array([known[n].theta(ahead.values[n], here.values[n]) for n in here.free])
+    first, last = float(here.gradient @ way), float(ahead.gradient @ way)
+    if not last < 0.0 < first:
+        return None
+    values = trial_values(here.values, here.free, way * first / (first - last), known)
+    found = _tried(objective, values, here)
+    least = min(newton(objective, one)[1] for one in (here, ahead))
+    if found is None or newton(objective, found)[1] >= least:
+        return None
+    return found
 
 
 def _corrected(

@@ -72,6 +72,50 @@ def ended_after(*path: tuple[float, float]) -> tuple[Fit, list[float]]:
     return found, [point["a"] for point in objective.tried]
 
 
+def numbers(*path: tuple[float, float, float]) -> Curve:
+    """Like `residuals`, beside a number on which no derivative says anything."""
+    met = iter(path)
+
+    def curve(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        value, slope, beside = next(met)
+        return np.array([-value, -beside]), np.array([[slope, 0.0]])
+
+    return curve
+
+
+# A full step of 2.15 from the first leads to the second, which is higher and promises less, and one
+# as long from there leads back, which is lower.
+HERE, THERE = (2.15, 1.0, 1.0), (-0.9, 0.9 / 2.15, 2.5)
+
+
+def test_steps_that_go_to_and_fro_are_followed_by_the_point_where_the_slope_turns() -> None:
+    objective = formula(numbers(HERE, THERE, HERE, (0.05, 1.0, 1.0)), np.zeros(2), PLAIN[:1])
+    found = fit(objective, {"a": 0.0}, "a", 9)
+    tried = [point["a"] for point in objective.tried]
+    there, here = 0.9 * 0.9 / 2.15, 2.15
+    assert tried == pytest.approx([0.0, 2.15, 0.0, 2.15 * here / (here + there)])
+    assert found.converged and found.values["a"] == tried[-1] and len(found.history) == 3
+
+
+@pytest.mark.parametrize(
+    "last", [(1.0, 1.0, 1.0), (2.2, 1.0, 0.0)], ids=["no nearer to the end", "farther from it"]
+)
+def test_where_the_slope_turns_no_nearer_to_the_end_the_steps_go_on(
+    last: tuple[float, float, float],
+) -> None:
+    objective = formula(numbers(HERE, THERE, HERE, last), np.zeros(2), PLAIN[:1])
+    found = fit(objective, {"a": 0.0}, "a", 2)
+    assert len(objective.tried) == 4 and found.at_limit
+    assert found.values["a"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_steps_that_lead_lower_each_time_go_not_to_and_fro() -> None:
+    lower, lowest = (-2.0, 0.9 / 2.15, 0.5), (1.9, 1.0, 0.0)
+    objective = formula(numbers(HERE, lower, lowest), np.zeros(2), PLAIN[:1])
+    fit(objective, {"a": 0.0}, "a", 2)
+    assert len(objective.tried) == 3
+
+
 UP, HIGH = (15.0, 15.0), (12.0, 12.0)
 SHORTER = (9.0, 10.0)
 
