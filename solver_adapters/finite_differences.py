@@ -26,6 +26,7 @@ import numpy as np
 
 from solver_adapters.checks.directions import refuse_bad_directions
 from solver_adapters.crystal import rotation_vector_matrix
+from solver_adapters.grain_scalars import as_honoured
 from solver_adapters.interface import (
     Adapter,
     Capabilities,
@@ -38,7 +39,6 @@ from solver_adapters.interface import (
     UnsupportedError,
 )
 from solver_adapters.jobs.errors import is_by_circumstances
-from solver_adapters.later_grains import as_honoured
 from solver_adapters.material import scalar, with_parameters
 from solver_adapters.quotient import MOST_STEPS, Pair, Slope, best_of, following_step, slope_through
 from solver_adapters.tasks import executor_elsewhere, is_one_of_several

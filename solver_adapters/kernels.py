@@ -67,7 +67,7 @@ KERNEL_SOURCES = (
             "user_folders",
             "constants",
             "crystal",
-            "later_grains",
+            "grain_scalars",
             "material",
             "parameter",
         )

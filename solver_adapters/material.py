@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from math import inf
 from typing import Any, Literal
 
 from solver_adapters.crystal import BCC, BCC48, SystemTable
-from solver_adapters.later_grains import (
+from solver_adapters.grain_scalars import (
     INSIDE_NULL,
     MODE_SHAPES,
     band_names,
@@ -198,16 +198,16 @@ def with_parameters(material: Material, values: Mapping[str, float]) -> Material
             [values.get(name, value) for name, value in _of_later_grain(material, grain).items()]
             for grain in range(3, max(*later, 2 + stated) + 1)
         ]
-        changes["tau0_grains"] = _stated([ratio for ratio, *_ in rows], 1.0)
-        changes["tau0_grains_inside"] = _stated([tuple(row[1:]) for row in rows], INSIDE_NULL)
+        changes["tau0_grains"] = _without_last_nulls([ratio for ratio, *_ in rows], 1.0)
+        inside = [tuple(row[1:]) for row in rows]
+        changes["tau0_grains_inside"] = _without_last_nulls(inside, INSIDE_NULL)
     return replace(material, **changes)
 
 
-def _stated(of_grains: list[Any], null: Any) -> tuple[Any, ...]:
-    """Return what is stated of later grains up to the last null: it changes no key of a job."""
-    while of_grains and of_grains[-1] == null:
-        of_grains.pop()
-    return tuple(of_grains)
+def _without_last_nulls(of_grains: Sequence[Any], null: Any) -> tuple[Any, ...]:
+    """Return what later grains have without nulls at the end, which would change keys of jobs."""
+    count = max((k for k, one in enumerate(of_grains, start=1) if one != null), default=0)
+    return tuple(of_grains[:count])
 
 
 LEAST_EXPONENT = 1.5

@@ -71,7 +71,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ),
     ("solver_adapters.constants", "solver_adapters.interaction", "solver_adapters.interface"),
     ("solver_adapters.material",),
-    ("solver_adapters.later_grains",),
+    ("solver_adapters.grain_scalars",),
     (
         "solver_adapters.crystal",
         "solver_adapters.inside_grain",

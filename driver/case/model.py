@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from functools import reduce
 from pathlib import Path
 from typing import Any, Self, TypeVar
+from unicodedata import normalize
 
 from pydantic import BaseModel, Field, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
@@ -33,8 +34,8 @@ from templates import render
 AnyTable = TypeVar("AnyTable", bound=Table)
 
 
-# Parameters that a single grain does not have, by the beginning of their names.
 _MAPS = (".ang", ".ctf")  # names of EBSD maps that no image has
+# Parameters that a single grain does not have, by the beginning of their names.
 _OF_TWO_GRAINS = (
     "boundary_",
     "rotation_grain2",
@@ -121,7 +122,8 @@ class Case(Table):
 
     @model_validator(mode="after")
     def _grains_of_different_names(self) -> Self:
-        names = [grain.name for grain in self.grains]
+        # As they are read: what differs by spaces or in how an accent is stored looks alike.
+        names = [normalize("NFC", grain.name).strip() for grain in self.grains]
         for number, name in enumerate(names, 1):
             if name in names[: number - 1]:
                 first = 1 + names.index(name)

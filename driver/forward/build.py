@@ -40,8 +40,8 @@ from meshes.surface import trace
 from meshes.uniform_split import in_pieces
 from solver_adapters.external import ExternalAdapter
 from solver_adapters.finite_differences import FiniteDifferences
+from solver_adapters.grain_scalars import as_honoured
 from solver_adapters.interface import Adapter, Capabilities, Integration
-from solver_adapters.later_grains import as_honoured
 from solver_adapters.material import MATERIAL_PARAMETERS
 from solver_adapters.parameter import Parameter
 from solver_adapters.registry import find_adapter

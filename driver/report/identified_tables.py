@@ -24,7 +24,7 @@ from driver.parameters.registry import label_of, short_label_of
 from driver.report.identified import IdentifiedParameter
 from driver.report.labels import reading_unit
 from meshes.arrays import FloatArray
-from solver_adapters.later_grains import as_honoured
+from solver_adapters.grain_scalars import as_honoured
 from solver_adapters.material import MATERIAL_DECLARATIONS
 
 Row = dict[str, Any]

@@ -15,7 +15,7 @@ from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
 from driver.report.identified import interval_of
 from driver.report.labels import cause_label, change, reading_unit, smallest
-from solver_adapters.later_grains import as_honoured
+from solver_adapters.grain_scalars import as_honoured
 from solver_adapters.material import MATERIAL_DECLARATIONS
 from solver_adapters.parameter import Parameter
 

@@ -12,7 +12,6 @@ import numpy as np
 import tifffile
 
 from driver.case.file_names import with_file_names
-from driver.case.material import MaterialTable
 from driver.case.model import Case
 from driver.diagnosis.answer.result_types import Diagnosis
 from driver.diagnosis.causes.causes import Cause
@@ -40,7 +39,7 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
         stated[SIGMA_E.key] = SIGMA_E.reading[0] * found.levels[SIGMA_E.name][0]
     started = with_frame_turns(case.with_values_at(stated), found.causes)
     freed = {
-        name: _within_bounds(name, values[name], started.material)
+        name: _within_bounds(name, values[name], started)
         for name in (*case.extensions, *added_parameters(found))
     }
     moved = with_file_names(started, lambda name: _from_results(case, name))
@@ -56,9 +55,9 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     )
 
 
-def _within_bounds(name: str, value: float, material: MaterialTable) -> float:
+def _within_bounds(name: str, value: float, case: Case) -> float:
     """Return a start within its bounds, which for a back stress hang on the d that was found."""
-    declared = {p.name: p for p in declarations_at(material.to_material())}
+    declared = {p.name: p for p in declarations_at(case.material.to_material(), len(case.grains))}
     if name not in declared:
         return value
     return min(max(value, declared[name].lower), declared[name].upper)

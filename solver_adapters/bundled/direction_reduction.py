@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from meshes.arrays import FloatArray
+from solver_adapters.grain_scalars import band_names
 from solver_adapters.interface import Direction, Response, Simulation
-from solver_adapters.later_grains import band_names
 from solver_adapters.material import Material, scalar
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 
+from solver_adapters.grain_scalars import as_honoured, later_names
 from solver_adapters.interface import Capabilities, Simulation, UnsupportedError
-from solver_adapters.later_grains import band_names, mode_names
-from solver_adapters.material import TAU0_BANDS, Material
+from solver_adapters.material import TAU0_BANDS, Material, scalar
 
 BASE = frozenset(
     (
@@ -23,13 +23,12 @@ its height; strain measures are capabilities of their own.
 """
 
 # Terms of the law that are switched on by a value other than the default, their null.
-_TERMS = tuple(field.name for field in fields(Material) if field.name not in BASE)
-# Who honours the scalars honours what is like them and not a scalar.
-_LIKE = {
-    "tau0_grains": ("tau0_grain2",),
-    "tau0_grains_inside": (*mode_names(2), band_names(2)[0]),
-    "interaction": ("h_latent",),
-}
+_OF_LATER_GRAINS = frozenset(("tau0_grains", "tau0_grains_inside"))
+_TERMS = tuple(
+    field.name for field in fields(Material) if field.name not in BASE | _OF_LATER_GRAINS
+)
+# Who honours the scalar honours what is like it and not a scalar.
+_LIKE = {"interaction": "h_latent"}
 
 
 @dataclass(frozen=True)
@@ -82,6 +81,11 @@ def _wishes(simulation: Simulation) -> Iterator[_Wish]:
             shown = _shown(getattr(material, name))
             instead = "those of BCC" if name == "slip_systems" else "its null value"
             yield _Wish(f"{name} = {shown}", instead, _material(name))
+    grains = 2 + max(len(material.tau0_grains), len(material.tau0_grains_inside))
+    for name in later_names(grains):
+        like, value = as_honoured(name), scalar(material, name)
+        if like not in BASE and value != getattr(null, like):
+            yield _Wish(f"{name} = {value:g}", "its null value", _material(like))
     measure, scheme = material.strain_measure, simulation.integration
     yield _Wish(
         f'strain_measure = "{measure}"', "another one", lambda c: measure in c.strain_measures
@@ -114,7 +118,7 @@ def _wishes(simulation: Simulation) -> Iterator[_Wish]:
 
 
 def _material(name: str) -> Callable[[Capabilities], bool]:
-    return lambda c: c.material.issuperset(_LIKE.get(name, (name,)))
+    return lambda c: name in c.material or _LIKE.get(name) in c.material
 
 
 def _shown(value: object) -> str:

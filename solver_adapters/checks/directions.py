@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from solver_adapters.checks.arrays import expect_finite, expect_number, expect_shape
+from solver_adapters.grain_scalars import later_names
 from solver_adapters.interface import BadSimulationError, Direction, Simulation, UnsupportedError
-from solver_adapters.later_grains import later_names
 from solver_adapters.material import MATERIAL_PARAMETERS
 
 

@@ -21,13 +21,13 @@ from solver_adapters.checks.eigenstrain import refuse_yielding_eigenstrain
 from solver_adapters.checks.mesh import refuse_bad_mesh
 from solver_adapters.checks.motion import refuse_bad_motion
 from solver_adapters.crystal import MOST_SYSTEMS, table_fault
+from solver_adapters.grain_scalars import INSIDE_NULL, as_honoured, inside_names
 from solver_adapters.interface import (
     BadSimulationError,
     Integration,
     Simulation,
     UnsupportedError,
 )
-from solver_adapters.later_grains import INSIDE_NULL, as_honoured, inside_names
 from solver_adapters.material import (
     LATENT,
     LEAST_EXPONENT,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_adapters.later_grains import INSIDE_NULL, inside_names
+from solver_adapters.grain_scalars import INSIDE_NULL, inside_names
 from solver_adapters.material import (
     ELASTIC_CONSTANTS,
     MATERIAL_DECLARATIONS,
@@ -93,6 +93,9 @@ def test_what_varies_inside_a_later_grain_is_scalars_by_the_number_of_the_grain(
     wide = with_parameters(law, {"tau0_grain4_band_half_width": 0.3, "tau0_grain3_slope_X": 0.1})
     assert [scalar(wide, name) for name in inside_names(3)] == [0.0, 0.0, 0.1, 0.0, 0.0, 0.25]
     assert [scalar(wide, name) for name in inside_names(4)] == [0.0, 0.0, 0.0, -0.4, 0.0, 0.3]
+    ratios = with_parameters(Material(tau0_grains=(1.0, 1.2)), {"tau0_grain3_band": 0.1})
+    assert (ratios.tau0_grains, len(ratios.tau0_grains_inside)) == ((1.0, 1.2), 1)
+    assert with_parameters(law, {"tau0_grain3": 0.9}).tau0_grains_inside == law.tau0_grains_inside
     assert [scalar(wide, name) for name in inside_names(5)] == list(INSIDE_NULL)
     # At their nulls they leave the law, and with it the key of a job, as it is.
     assert with_parameters(law, {"tau0_grain4_band": 0.0}) == Material(tau0_grains=(1.2,))

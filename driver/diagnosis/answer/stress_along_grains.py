@@ -13,8 +13,8 @@ from driver.identification.fit import Fit
 from meshes.arrays import AnyArray, FloatArray
 from meshes.cells import extent_along_y
 from meshes.prism_mesh import PrismMesh
+from solver_adapters.grain_scalars import band_names, mode_names
 from solver_adapters.inside_grain import band_factor, mode_factor
-from solver_adapters.later_grains import band_names, mode_names
 from solver_adapters.parameter import Parameter
 
 _PLACES = 81

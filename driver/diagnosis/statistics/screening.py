@@ -20,7 +20,7 @@ from driver.identification.objective import Objective
 from driver.parameters.history import HOLD
 from driver.parameters.instrument import PATTERN_DECLARATIONS
 from meshes.arrays import FloatArray
-from solver_adapters.later_grains import as_honoured, later_names
+from solver_adapters.grain_scalars import as_honoured, later_names
 from solver_adapters.material import MATERIAL_PARAMETERS, OF_SECOND_GRAIN, of_other_crystals
 
 

@@ -26,9 +26,9 @@ from solver_adapters.bundled.fem.initial import (
     skin_factor,
     surface_distance,
 )
+from solver_adapters.grain_scalars import as_honoured, band_names, inside_names, mode_names
 from solver_adapters.inside_grain import band_factor, mode_factor, standardised
 from solver_adapters.interface import Direction, Simulation
-from solver_adapters.later_grains import as_honoured, band_names, inside_names, mode_names
 from solver_adapters.material import scalar
 
 _EVERYWHERE = ("x0", "eigenstrain", "skin_tau0", "skin_thickness")

@@ -40,7 +40,7 @@ from solver_adapters.crystal import (
     schmid_tensors,
     slip_systems,
 )
-from solver_adapters.later_grains import grain_of_later_ratio
+from solver_adapters.grain_scalars import grain_of_later_ratio
 from solver_adapters.material import Material
 
 # Local parameters of a grain.

@@ -53,6 +53,8 @@ def test_a_written_case_of_three_grains_reads_back_as_it_was(tmp_path: Path) -> 
          "a list of three numbers, the normal that points into the grain of the larger number"),
         ('[[grains]]\nname = "right"\neuler_deg = [30.0, 20.0, 10.0]', "",
          "grains: found 2 of them, expected 3, for there are 2 tables [[specimen.boundaries]]"),
+        ('name = "right"', 'name = "left"',
+         'grains.3.name: found "left", expected a name of its own, for grains.1 has it'),
         ("tau0_grains = [1.3]", "tau0_grains = [1.3, 1.2]", "material.tau0_grains: found 2 ratios, "
          "expected at most 1, one for each grain after the second"),
         ("# boundary_point_um = [0, 6, 0]\n# boundary_normal = [0, 1, 0]",

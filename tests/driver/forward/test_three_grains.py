@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,6 +15,9 @@ from driver.forward.build import adapter_of, build_model, mesh_of
 from driver.forward.model import ForwardModel
 from driver.virtual.truth import stage_program
 from meshes.arrays import FloatArray
+from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.grain_scalars import inside_names
+from solver_adapters.interface import Capabilities
 from tools.three_grains import three_grains
 
 STEPS = {
@@ -61,6 +66,21 @@ def test_what_is_seen_changes_with_a_numbered_parameter_as_its_derivative_says(n
         expected = change / (2 * step)
         assert abs(expected).max() > 0
         np.testing.assert_allclose(found, expected, rtol=0, atol=2e-3 * abs(expected).max())
+
+
+def test_a_solver_that_lacks_what_varies_inside_grains_has_no_cause_of_it_in_any_grain() -> None:
+    class Uniform(BundledAdapter):
+        """The solver, without modes and bands."""
+
+        def capabilities(self) -> Capabilities:
+            known = super().capabilities()
+            inside = {*inside_names(1), *inside_names(2)}
+            return replace(known, material=known.material - inside)
+
+    candidates, names = screened(replace(model(), adapter=Uniform()), ("tau0", "c", "d"), None)
+    named = " ".join([*names, *(cause.name for cause in candidates)])
+    assert "grain3_contrast" in named
+    assert not re.search("slope|bend_Y|band|heterogeneity", named)
 
 
 def test_the_specimen_has_every_cause_of_three_grains_that_copper_has() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,10 +15,12 @@ from driver.common.errors import InputError
 from driver.common.progress import progress_to
 from driver.forward import build
 from driver.results.hdf5 import read_hdf5
+from driver.virtual import command
 from driver.virtual.command import true_case, virtual
 from driver.virtual.settings import Discretisation, Virtual
 from driver.workflow import pipeline
 from driver.workflow.engine import run_stages
+from solver_adapters.interface import Progress, SolverError
 from solver_adapters.profile import Profile
 from tools import closed_form
 
@@ -65,6 +68,22 @@ def test_the_discretisation_of_the_truth_is_finer_and_said_so(
     assert truth.solver.steps_per_interval > case.solver.fine_steps_per_interval
     assert f"a mesh of {truth.specimen.mesh_size:g} µm" in made[1][0]
     assert "11 images, about" in made[1][0]
+
+
+def test_each_of_two_simulations_tells_its_own_progress(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lines: list[str]
+) -> None:
+    def pulled(*given: Any) -> None:
+        for tell in given[-2:]:
+            tell(Progress(1.0, 1.0, 1, 1, 0))
+        raise SolverError("no more is asked")
+
+    monkeypatch.setattr(command, "pull", pulled)
+    with pytest.raises(SolverError):
+        virtual(ALPHA, None, tmp_path / "out", 1)
+    assert [line.partition(" %")[0] for line in lines if "100 %" in line] == [
+        "  truth: 100", "  truth on larger cells: 100",
+    ]  # fmt: skip
 
 
 def test_a_truth_is_of_hexahedra_where_layers_can_follow_the_boundary() -> None:

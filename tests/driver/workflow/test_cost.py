@@ -15,6 +15,7 @@ from driver.diagnosis.causes.causes import LIBRARY
 from driver.experiment.image_sizes import StackSize, stack_size
 from driver.forward.cost import steps_seconds
 from driver.identification.correction_cost import correction_seconds
+from driver.results.mesh_sizes import sized_case
 from driver.workflow import cost
 from driver.workflow.cost import Cost, estimate, identified_images, measuring_memory
 from solver_adapters.bundled.adapter import BundledAdapter
@@ -38,6 +39,14 @@ def test_the_estimate_grows_with_the_work() -> None:
         update={"boundary": case.boundary.model_copy(update={"jitter_nm": 0.1})}
     )
     assert estimate(shaken, bundled, 264, 97).seconds > base.seconds
+
+
+def test_the_estimate_of_the_demo_is_right_within_a_third() -> None:
+    """Measured on two cores: 157 s of identification, about 650 s of diagnosis."""
+    case = sized_case(ALPHA / "case.toml")
+    told = estimate(case, BundledAdapter().capabilities(), 181, 97)
+    assert 0.75 < told.of_stages["identify"] / 157.0 < 4 / 3
+    assert 0.75 < told.of_stages["diagnose"] / 650.0 < 4 / 3
 
 
 def test_the_estimate_counts_no_more_refits_than_causes_that_are_asked_for() -> None:

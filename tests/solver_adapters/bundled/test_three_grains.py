@@ -149,6 +149,18 @@ def test_what_varies_inside_a_third_grain_is_what_varies_inside_a_second_one(var
     assert (abs(found.d_force).max(axis=1) > 0.01).tolist() == [True] * 4 + 2 * [varies]
 
 
+def test_nodes_that_move_take_the_band_of_a_third_grain_along() -> None:
+    mesh = generate(geometry(LEANING), 2.0, "hex20", layers=(1, 1, 2))
+    asked = three_grains(mesh, (1e-3, 2e-3), with_parameters(COPPER, INSIDE))
+    moved = np.zeros_like(mesh.points)
+    moved[:, 1] = np.sin(np.pi * mesh.points[:, 1] / 6.0)
+    direction = Direction("nodes", points=moved)
+    found = BundledAdapter().solve(replace(asked, directions=(direction,))).d_force[0]
+    expected = central(asked, direction, 1e-4)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4 * largest(expected))
+    assert largest(expected) > 1.0
+
+
 @needs_ccx
 def test_three_grains_of_copper_carry_in_calculix_what_they_carry_here(tmp_path: Path) -> None:
     mesh = generate(geometry(LEANING), 2.5)

@@ -10,8 +10,9 @@ import pytest
 
 from solver_adapters.checks.capabilities import BASE, refuse_unsupported
 from solver_adapters.crystal import FCC
+from solver_adapters.grain_scalars import as_honoured, later_names
 from solver_adapters.interface import Capabilities, Direction, Simulation, UnsupportedError
-from solver_adapters.material import TAU0_BANDS, TAU0_MODES, Material, with_parameters
+from solver_adapters.material import OF_SECOND_GRAIN, Material, with_parameters
 from tools.boxes import box, hex_box, pulled
 
 PLAIN = replace(
@@ -98,28 +99,29 @@ def test_a_conditional_parameter_is_left_to_the_adapter_that_is_no_solver_to_nam
         refuse_unsupported(asked, "small one", SMALL, lambda: {"judging": judging})
 
 
-def test_who_honours_modes_without_bands_honours_the_inside_of_no_later_grain() -> None:
-    inside = ((0.1, 0.0, 0.0, 0.0, 0.0, 0.25),)
-    asked = replace(PLAIN, material=replace(PLAIN.material, tau0_grains_inside=inside))
-    modes = Capabilities(frozenset(TAU0_MODES[1]), frozenset({"small"}), derivatives=False)
-    with pytest.raises(UnsupportedError, match="^tau0_grains_inside = "):
-        refuse_unsupported(asked, "modes", modes, dict)
-    both = replace(modes, material=modes.material | {TAU0_BANDS[1][0]})
-    refuse_unsupported(asked, "both", both, dict)
+@pytest.mark.parametrize("name", later_names(4))
+def test_a_scalar_of_a_later_grain_is_honoured_by_who_honours_that_of_the_second(name: str) -> None:
+    asked = replace(PLAIN, material=with_parameters(PLAIN.material, {name: 0.4}))
+    like = as_honoured(name)
+    others = Capabilities(OF_SECOND_GRAIN - {like}, frozenset({"small"}), derivatives=False)
+    alone = replace(others, material=frozenset({like}))
+    refuse_unsupported(asked, "alone", alone, dict)
+    if like in BASE:  # middle and width of a band do nothing without its height
+        refuse_unsupported(asked, "others", others, dict)
+    else:
+        with pytest.raises(UnsupportedError, match=f"^{name} = 0.4: the solver others"):
+            refuse_unsupported(asked, "others", others, dict)
 
 
-OFF = {
-    "tau0_grains": (1.1,),
-    "tau0_grains_inside": ((0.1, 0.0, 0.0, 0.0, 0.0, 0.25),),
-    "slip_systems": FCC,
-    "interaction": ((1.0,) * 24,) * 24,
-}
+OFF = {"slip_systems": FCC, "interaction": ((1.0,) * 24,) * 24}
+OF_LATER = {"tau0_grains", "tau0_grains_inside"}
 
 
-@pytest.mark.parametrize("name", sorted({f.name for f in fields(Material)} - BASE))
+@pytest.mark.parametrize("name", sorted({f.name for f in fields(Material)} - BASE - OF_LATER))
 def test_a_field_of_the_law_off_its_null_is_refused_by_a_solver_that_names_none(name: str) -> None:
     value: Any = OFF.get(name, 0.5)
     asked = replace(PLAIN, material=replace(PLAIN.material, **{name: value}))
     none = Capabilities(frozenset(), frozenset({"small"}), derivatives=False)
     with pytest.raises(UnsupportedError, match=f"^{name} = "):
         refuse_unsupported(asked, "plain", none, dict)
+    refuse_unsupported(asked, "able", replace(none, material=frozenset({name})), dict)

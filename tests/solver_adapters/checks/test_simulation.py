@@ -10,8 +10,8 @@ import pytest
 from meshes.arrays import FloatArray
 from solver_adapters.checks.simulation import refuse_bad_simulation
 from solver_adapters.crystal import FCC
+from solver_adapters.grain_scalars import INSIDE_NULL
 from solver_adapters.interface import BadSimulationError, Simulation, Trajectory, UnsupportedError
-from solver_adapters.later_grains import INSIDE_NULL
 from solver_adapters.material import MATERIAL_PARAMETERS, Material, admissible_at
 from tests.solver_adapters.simulations import (
     GOOD,
@@ -106,6 +106,10 @@ UNSUPPORTED: list[tuple[Simulation, str]] = [
     (
         along(material={"tau1": 1.0}),
         "direction 'a' changes 'tau1', which the material does not have; expected one of C11",
+    ),
+    (
+        along(material={"tau0_grain3_band": 1.0}),
+        "direction 'a' changes 'tau0_grain3_band', which the material does not have; expected one ",
     ),
 ]
 

@@ -1,6 +1,6 @@
-"""Scalars of the law that bear the number of a grain, those of the third and later ones above all.
+"""Scalars of the law that bear the number of a grain: names, and declarations of later grains.
 
-The ratio of τ0, the modes of ln τ0 inside the grain, and a band across it.
+They are the ratio of τ0, the modes of ln τ0 inside the grain, and a band across it.
 """
 
 from __future__ import annotations
