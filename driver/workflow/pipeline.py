@@ -82,7 +82,7 @@ def stages(case: Case) -> Sequence[Stage]:
         inputs = (*meshed, "history", "sections", "loads", *_IDENTIFY)
         return (
             Stage("mesh", "3", meshed, run_mesh, meshed_files, _NO_PLACE),
-            Stage("identify", "12", inputs, run_identify_loads, identified_files),
+            Stage("identify", "13", inputs, run_identify_loads, identified_files),
             Stage("report", "4", inputs, run_report_loads, reported_files),
         )
     return (
@@ -97,8 +97,8 @@ def stages(case: Case) -> Sequence[Stage]:
             alone=True,
             reads_on=True,
         ),
-        Stage("identify", "17", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
-        Stage("diagnose", "27", ("diagnosis",), run_diagnose, diagnosed_files),
+        Stage("identify", "18", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
+        Stage("diagnose", "28", ("diagnosis",), run_diagnose, diagnosed_files),
         Stage("advise", "1", (), run_advise),
         Stage("report", "11", _REPORT, run_report, reported_files),
     )
