@@ -155,7 +155,7 @@ def fit(
 
     _tell(0, current, None)
     iteration = 0
-    before: Evaluation | None = None
+    before = math.inf  # cost where the last step but one began
     while True:
         step, decrement = newton(objective, current)
         if promised_by(step, current) > threshold:
@@ -177,11 +177,11 @@ def fit(
         if ahead is None:
             reason = f"no shorter step lowers the cost (decrement {decrement:.2g} σ)"
             return ended(False, reason)
-        if before is not None and go_to_and_fro(before, current, ahead):
+        if go_to_and_fro(before, current.cost, ahead.cost):
             ahead = between(tried, current, ahead) or ahead
         gained = current.cost - ahead.cost
         fallen = gained / current.cost
-        before, current, iteration = current, ahead, iteration + 1
+        before, current, iteration = current.cost, ahead, iteration + 1
         history.append(_record(current))
         _tell(iteration, current, decrement)
         if 0 <= fallen < share:

@@ -91,9 +91,15 @@ def descend(
     return None
 
 
-def go_to_and_fro(before: Evaluation, here: Evaluation, ahead: Evaluation) -> bool:
-    """Whether the second of two steps has taken back what the first did to the cost."""
-    return abs(ahead.cost - before.cost) < SAME * abs(ahead.cost - here.cost)
+def go_to_and_fro(before: float, here: float, ahead: float) -> bool:
+    """Whether the second of two steps has taken back what the first did to the cost.
+
+    Args:
+        before: the cost where the first began.
+        here: that between them.
+        ahead: that where the second ended.
+    """
+    return abs(ahead - before) < SAME * abs(ahead - here)
 
 
 def between(objective: Objective, here: Evaluation, ahead: Evaluation) -> Evaluation | None:

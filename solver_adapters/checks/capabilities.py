@@ -22,8 +22,8 @@ BASE = frozenset(
 its height; strain measures are capabilities of their own.
 """
 
-# Terms of the law that are switched on by a value other than the default, their null.
 _OF_LATER_GRAINS = frozenset(("tau0_grains", "tau0_grains_inside"))
+# Terms of the law that are switched on by a value other than the default, their null.
 _TERMS = tuple(
     field.name for field in fields(Material) if field.name not in BASE | _OF_LATER_GRAINS
 )
