@@ -130,7 +130,7 @@ class Case(Table):
                 raise refusal(
                     f"a name of its own, for grains.{first} has it",
                     f"grains.{number}.name",
-                    f'"{name}"',
+                    f'"{self.grains[number - 1].name}"',
                 )
         return self
 

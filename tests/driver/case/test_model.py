@@ -57,7 +57,7 @@ def refused(tmp_path: Path, *changes: tuple[str, str]) -> list[str]:
         ('flats = "flats.tif"', 'flats = ""', "images.flats", '""', "images of a flat reference"),
         ("euler_deg = [30.0, 0.0, 0.0]", "euler_deg = [30.0, 0.0]", "grains.2.euler_deg",
          "[30.0, 0.0]", "a list of three numbers"),
-        ('name = "grain 2"', 'name = "grain 1 "', "grains.2.name", '"grain 1"',
+        ('name = "grain 2"', 'name = "grain 1 "', "grains.2.name", '"grain 1 "',
          "a name of its own, for grains.1 has it"),
         ('strain_measure = "finite"', 'strain_measure = "large"', "material.strain_measure",
          '"large"', '"small" or "finite"'),
